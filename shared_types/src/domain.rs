@@ -1,0 +1,376 @@
+//! Which shared memory: a root path, a prefix, and the lock under which anything in it is made.
+//!
+//! Everything of one domain lies in `<root>/` (static files, sockets) and `/dev/shm/<prefix>*` (segments).
+//! A process killed while it makes a service, a node or a port leaves a half-made file behind that would
+//! stop every later start. So whoever makes something first takes the domain's lock and removes what a
+//! dead maker left half-made.
+
+use iceoryx2::prelude::{Config, FileName, Path as IoxPath, SemanticString};
+use rustix::fs::{FlockOperation, flock};
+use std::fs::{self, File, OpenOptions};
+use std::io::{self, Read, Seek, Write};
+use std::os::unix::fs::{DirBuilderExt, MetadataExt, OpenOptionsExt, PermissionsExt};
+use std::path::{Path, PathBuf};
+use std::time::{Duration, SystemTime};
+
+/// Environment variable that names the default root path.
+pub const ROOT_VARIABLE: &str = "OBSERVER_ROOT";
+
+const SEGMENTS: &str = "/dev/shm";
+/// Unix sockets live below the root path: a longer one does not fit their address.
+const LONGEST_ROOT_BYTES: usize = 44;
+const LOCK_PATIENCE: Duration = Duration::from_secs(10);
+/// A half-made file older than this has no living maker: creation takes microseconds.
+const HALF_MADE_AGE: Duration = Duration::from_millis(250);
+
+/// Why a domain cannot be used.
+#[derive(Debug, thiserror::Error)]
+pub enum DomainError {
+    /// The root path cannot serve.
+    #[error("root path '{path}': {found}; needed: {needed}")]
+    Root {
+        /// The path.
+        path: String,
+        /// What was found.
+        found: String,
+        /// What would be accepted, and the command that helps.
+        needed: String,
+    },
+    /// Another process holds a lock.
+    #[error("{what} is held by process {holder}; {remedy}")]
+    Locked {
+        /// What is held.
+        what: String,
+        /// Process id that the lock file names.
+        holder: String,
+        /// What to do.
+        remedy: String,
+    },
+    /// The operating system refused.
+    #[error("{action} '{path}': {source}")]
+    Io {
+        /// What was tried.
+        action: &'static str,
+        /// On which file.
+        path: String,
+        /// The system's reason.
+        source: io::Error,
+    },
+}
+
+fn io_error(action: &'static str, path: &Path) -> impl FnOnce(io::Error) -> DomainError {
+    move |source| DomainError::Io { action, path: path.display().to_string(), source }
+}
+
+/// One isolated set of services. Processes see each other only inside the same domain.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Domain {
+    root: PathBuf,
+    prefix: String,
+}
+
+impl Domain {
+    /// The domain of `$OBSERVER_ROOT`, or the user's own one, `/dev/shm/observer-<uid>`.
+    ///
+    /// # Errors
+    /// As [`Domain::at`].
+    pub fn of_user() -> Result<Self, DomainError> {
+        match std::env::var_os(ROOT_VARIABLE) {
+            Some(root) => Self::at(Path::new(&root)),
+            None => {
+                Self::at(Path::new(&format!("{SEGMENTS}/observer-{}", rustix::process::geteuid().as_raw())))
+            }
+        }
+    }
+
+    /// The domain with this root path. Its last component becomes the prefix of all its segments, so two
+    /// domains need different last components.
+    ///
+    /// # Errors
+    /// `Root` where the path is relative, too long for a socket address, or has characters that a file name
+    /// of a segment cannot have.
+    pub fn at(root: &Path) -> Result<Self, DomainError> {
+        let refuse = |found: String, needed: &str| DomainError::Root {
+            path: root.display().to_string(),
+            found,
+            needed: needed.into(),
+        };
+        let text = root.to_str().unwrap_or_default();
+        let name = root.file_name().and_then(|name| name.to_str()).unwrap_or_default();
+        if !root.is_absolute() || name.is_empty() {
+            return Err(refuse("not an absolute path".into(), "for example /dev/shm/flight1"));
+        }
+        if text.len() > LONGEST_ROOT_BYTES {
+            let found = format!("{} bytes long", text.len());
+            return Err(refuse(
+                found,
+                &format!("at most {LONGEST_ROOT_BYTES} bytes, because sockets live below it"),
+            ));
+        }
+        if !name.bytes().all(|b| b.is_ascii_alphanumeric() || b"-_.".contains(&b)) {
+            return Err(refuse(format!("last component '{name}'"), "letters, digits, '-', '_', '.' only"));
+        }
+        Ok(Self { root: root.into(), prefix: format!("{name}_") })
+    }
+
+    /// The root path.
+    pub fn root(&self) -> &Path {
+        &self.root
+    }
+
+    /// The configuration for iceoryx2's nodes; files of the working directory are not consulted.
+    pub(crate) fn config(&self) -> Config {
+        let mut config = Config::default();
+        let root = self.root.to_str().expect("checked by Domain::at").as_bytes();
+        config.global.prefix = FileName::new(self.prefix.as_bytes()).expect("checked by Domain::at");
+        config.global.set_root_path(&IoxPath::new(root).expect("checked by Domain::at"));
+        config
+    }
+
+    /// Makes the root path if it is missing, waits for the domain's lock, removes what dead makers left
+    /// half-made, and returns the lock. Hold it while nodes, services or ports are made.
+    ///
+    /// # Errors
+    /// `Root` where the path belongs to another user, `Locked` where another process makes something for
+    /// longer than 10 s, `Io` where the system refuses.
+    pub fn lock_for_making(&self) -> Result<MakingLock, DomainError> {
+        self.make_root()?;
+        let path = self.root.join("making.lock");
+        let deadline = std::time::Instant::now() + LOCK_PATIENCE;
+        let file = loop {
+            match take_lock(&path)? {
+                Ok(file) => break file,
+                Err(holder) if std::time::Instant::now() > deadline => {
+                    let (what, remedy) = (
+                        format!("the domain's lock '{}'", path.display()),
+                        format!(
+                            "it should last milliseconds: look at that process, and stop it if it hangs (kill {holder})"
+                        ),
+                    );
+                    return Err(DomainError::Locked { what, holder, remedy });
+                }
+                Err(_) => std::thread::sleep(Duration::from_millis(2)),
+            }
+        };
+        let removed = self.remove_half_made()?;
+        Ok(MakingLock { _file: file, removed })
+    }
+
+    /// Claims an instance name for one service; the claim ends with the returned value, or the process.
+    ///
+    /// # Errors
+    /// `Locked` where a living process holds the name.
+    pub fn claim_instance(&self, instance: &str) -> Result<InstanceClaim, DomainError> {
+        self.make_root()?;
+        let path = self.root.join(format!("{instance}.lock"));
+        match take_lock(&path)? {
+            Ok(file) => Ok(InstanceClaim { _file: file }),
+            Err(holder) => Err(DomainError::Locked {
+                what: format!("instance '{instance}' in {}", self.root.display()),
+                remedy: format!(
+                    "stop that service (kill {holder}) or start this one with another --instance"
+                ),
+                holder,
+            }),
+        }
+    }
+
+    /// Removes every file of the domain. Only when no process uses it any more.
+    ///
+    /// # Errors
+    /// `Io` where the system refuses.
+    pub fn remove(&self) -> Result<(), DomainError> {
+        for segment in self.segments()? {
+            remove_file(&segment)?;
+        }
+        match fs::remove_dir_all(&self.root) {
+            Err(error) if error.kind() != io::ErrorKind::NotFound => {
+                Err(io_error("remove directory", &self.root)(error))
+            }
+            _ => Ok(()),
+        }
+    }
+
+    /// The domain's files in /dev/shm.
+    ///
+    /// # Errors
+    /// `Io` where the directory cannot be read.
+    pub fn segments(&self) -> Result<Vec<PathBuf>, DomainError> {
+        files_with_prefix(Path::new(SEGMENTS), &self.prefix)
+    }
+
+    fn make_root(&self) -> Result<(), DomainError> {
+        fs::DirBuilder::new()
+            .recursive(true)
+            .mode(0o750)
+            .create(&self.root)
+            .map_err(io_error("create directory", &self.root))?;
+        let owner = fs::metadata(&self.root).map_err(io_error("look at", &self.root))?.uid();
+        let user = rustix::process::geteuid().as_raw();
+        if owner == user {
+            return Ok(());
+        }
+        Err(DomainError::Root {
+            path: self.root.display().to_string(),
+            found: format!("belongs to user id {owner}, this process runs as user id {user}"),
+            needed: format!(
+                "run as user id {owner}, or choose a root path of your own (--root, or {ROOT_VARIABLE} in the environment)"
+            ),
+        })
+    }
+
+    /// A service file still writable by its owner (0600; finished is 0400) and a segment not yet readable
+    /// (0200) were never finished. A young one is given the time in which a living maker finishes it.
+    fn remove_half_made(&self) -> Result<usize, DomainError> {
+        let mut removed = 0;
+        for (file, unfinished) in self.half_made_candidates()? {
+            loop {
+                let Ok(metadata) = fs::metadata(&file) else { break };
+                if !unfinished(metadata.permissions().mode()) {
+                    break;
+                }
+                let made = metadata.modified().unwrap_or(SystemTime::UNIX_EPOCH);
+                let age = SystemTime::now().duration_since(made).unwrap_or(HALF_MADE_AGE);
+                if age >= HALF_MADE_AGE {
+                    remove_file(&file)?;
+                    removed += 1;
+                    break;
+                }
+                std::thread::sleep(HALF_MADE_AGE - age);
+            }
+        }
+        Ok(removed)
+    }
+
+    #[allow(clippy::type_complexity)] // a pair of a file and how to tell that it is unfinished
+    fn half_made_candidates(&self) -> Result<Vec<(PathBuf, fn(u32) -> bool)>, DomainError> {
+        let services = files_with_prefix(&self.root.join("services"), &self.prefix)?;
+        let services = services.into_iter().filter(|file| file.extension().is_some_and(|e| e == "service"));
+        let writable: fn(u32) -> bool = |mode| mode & 0o200 != 0;
+        let unreadable: fn(u32) -> bool = |mode| mode & 0o400 == 0;
+        Ok(services
+            .map(|file| (file, writable))
+            .chain(self.segments()?.into_iter().map(|file| (file, unreadable)))
+            .collect())
+    }
+}
+
+/// Held while something is made in a domain.
+#[derive(Debug)]
+pub struct MakingLock {
+    _file: File,
+    removed: usize,
+}
+
+impl MakingLock {
+    /// Half-made files of dead processes that were removed when the lock was taken.
+    pub fn half_made_files_removed(&self) -> usize {
+        self.removed
+    }
+}
+
+/// Held by the one service of an instance name.
+#[derive(Debug)]
+pub struct InstanceClaim {
+    _file: File,
+}
+
+/// The locked file with our process id in it, or the process id of the holder.
+fn take_lock(path: &Path) -> Result<Result<File, String>, DomainError> {
+    let mut file = OpenOptions::new()
+        .read(true)
+        .write(true)
+        .create(true)
+        .truncate(false)
+        .mode(0o640)
+        .open(path)
+        .map_err(io_error("open lock file", path))?;
+    match flock(&file, FlockOperation::NonBlockingLockExclusive) {
+        Ok(()) => {
+            file.set_len(0).and_then(|()| file.rewind()).map_err(io_error("write", path))?;
+            write!(file, "{}", std::process::id()).map_err(io_error("write", path))?;
+            Ok(Ok(file))
+        }
+        Err(rustix::io::Errno::WOULDBLOCK | rustix::io::Errno::INTR) => {
+            let mut holder = String::new();
+            file.read_to_string(&mut holder).map_err(io_error("read", path))?;
+            Ok(Err(if holder.is_empty() { "unknown".into() } else { holder }))
+        }
+        Err(error) => Err(io_error("lock", path)(error.into())),
+    }
+}
+
+fn files_with_prefix(directory: &Path, prefix: &str) -> Result<Vec<PathBuf>, DomainError> {
+    let entries = match fs::read_dir(directory) {
+        Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(Vec::new()),
+        entries => entries.map_err(io_error("read directory", directory))?,
+    };
+    Ok(entries
+        .flatten()
+        .filter(|entry| entry.file_name().to_str().is_some_and(|name| name.starts_with(prefix)))
+        .map(|entry| entry.path())
+        .collect())
+}
+
+fn remove_file(path: &Path) -> Result<(), DomainError> {
+    match fs::remove_file(path) {
+        Err(error) if error.kind() != io::ErrorKind::NotFound => Err(io_error("remove", path)(error)),
+        _ => Ok(()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn temporary() -> (tempfile::TempDir, Domain) {
+        let directory = tempfile::Builder::new().prefix("ot").tempdir_in(SEGMENTS).unwrap();
+        let domain = Domain::at(directory.path()).unwrap();
+        (directory, domain)
+    }
+
+    #[test]
+    fn unusable_root_paths_are_refused_with_a_reason() {
+        for (root, reason) in [
+            ("relative/path", "not an absolute path"),
+            ("/tmp/with space", "letters, digits"),
+            ("/tmp/0123456789012345678901234567890123456789", "at most 44 bytes"),
+        ] {
+            let error = Domain::at(Path::new(root)).unwrap_err().to_string();
+            assert!(error.contains(reason), "{error}");
+        }
+    }
+
+    #[test]
+    fn a_claimed_instance_names_its_holder_to_the_second() {
+        let (_directory, domain) = temporary();
+        let claim = domain.claim_instance("vehicle").unwrap();
+        let error = domain.claim_instance("vehicle").unwrap_err().to_string();
+        assert!(error.contains(&std::process::id().to_string()), "{error}");
+        drop(claim);
+        domain.claim_instance("vehicle").unwrap();
+    }
+
+    #[test]
+    fn half_made_files_are_removed_and_finished_ones_stay() {
+        let (directory, domain) = temporary();
+        let services = directory.path().join("services");
+        fs::create_dir(&services).unwrap();
+        let write = |path: PathBuf, mode: u32| {
+            File::create(&path).unwrap();
+            fs::set_permissions(&path, fs::Permissions::from_mode(mode)).unwrap();
+            path
+        };
+        let service = |name: &str| services.join(format!("{}{name}.service", domain.prefix));
+        let segment = |name: &str| Path::new(SEGMENTS).join(format!("{}{name}", domain.prefix));
+        let half_made = [write(service("a"), 0o600), write(segment("a"), 0o200)];
+        let finished = [write(service("b"), 0o400), write(segment("b"), 0o600)];
+        let lock = domain.lock_for_making().unwrap();
+        assert_eq!(lock.half_made_files_removed(), 2);
+        assert!(half_made.iter().all(|file| !file.exists()));
+        assert!(finished.iter().all(|file| file.exists()));
+        drop(lock);
+        domain.remove().unwrap();
+        assert!(!finished[1].exists() && !directory.path().exists());
+    }
+}

@@ -1,0 +1,42 @@
+//! What crosses shared memory between a vehicle's process and the estimation service.
+//!
+//! | module | holds |
+//! |---|---|
+//! | [`payload`] | the fixed-size messages, every field with its unit |
+//! | [`service`] | service names and qualities, in one place |
+//! | [`domain`] | which shared memory: root path, prefix, and the lock under which anything in it is made |
+//! | [`client`] | what a vehicle's process or a reader uses: publish, wait, peek, command |
+//! | [`clock`] | the one clock of all time stamps |
+//!
+//! # Next to your own process
+//!
+//! ```
+//! use shared_types::{Client, Domain, Measurement, clock};
+//! use std::time::Duration;
+//! # // A live service of its own, so that this example really runs.
+//! # let root = tempfile::Builder::new().prefix("od").tempdir_in("/dev/shm")?;
+//! # let domain = Domain::at(root.path())?;
+//! # let service = shared_types::service::stand_in_for_documentation(&domain, "vehicle")?;
+//!
+//! # #[cfg(any())] let domain = Domain::of_user()?;
+//! let client = Client::connect(&domain, "vehicle", Duration::from_secs(5))?;
+//! let sensors = client.measurement_publisher()?;
+//! let mut estimates = client.estimate_subscriber()?;
+//! sensors.publish(&Measurement::at(clock::monotonic_ns(), 0).with_velocity_m_s([1.0, 0.0, 0.0]))?;
+//! # service.answer();
+//! let estimate = estimates.wait_next(Duration::from_secs(1))?;
+//! println!("unknown force {:?} N", estimate.matched_force_n);
+//! # drop((sensors, estimates, client, service));
+//! # domain.remove()?;
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+
+pub mod client;
+pub mod clock;
+pub mod domain;
+pub mod payload;
+pub mod service;
+
+pub use client::{Client, ClientError};
+pub use domain::{Domain, DomainError};
+pub use payload::{Channel, Command, Estimate, LatencySummary, Measurement, Reply, Status, Truth};

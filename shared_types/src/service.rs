@@ -1,0 +1,290 @@
+//! Service names and qualities: how the daemon makes a service and how everyone else opens it.
+//!
+//! Only the daemon makes services; all others open them and wait until they can.
+
+use crate::payload::{Command, Estimate, Measurement, Reply, Status, Truth};
+use crate::{Domain, DomainError};
+use iceoryx2::prelude::*;
+use iceoryx2::service::builder::blackboard::BlackboardOpenError;
+use iceoryx2::service::port_factory::{blackboard, publish_subscribe, request_response};
+use std::fmt::Debug;
+
+/// Samples that wait for a slow daemon; then the oldest is dropped and shows as a gap in the sequence.
+pub const MEASUREMENT_BUFFER: usize = 64;
+/// Estimates that wait for a slow reader.
+pub const ESTIMATE_BUFFER: usize = 256;
+/// Readers of one instance, of each kind: programs, recorders, monitors.
+pub const MAX_READERS: usize = 32;
+/// Sources of one instance, whether used or refused.
+pub const MAX_SOURCES: usize = 8;
+/// Processes (nodes) that use one service.
+const MAX_NODES: usize = 64;
+/// Key of the newest [`Estimate`] on the blackboard.
+pub const LATEST_ESTIMATE: u32 = 0;
+/// Key of the newest [`Status`] on the blackboard.
+pub const LATEST_STATUS: u32 = 1;
+
+/// A node of this process in a domain.
+pub type Node = iceoryx2::node::Node<ipc::Service>;
+/// Ports of a publish-subscribe service.
+pub type Topic<Payload> = publish_subscribe::PortFactory<ipc::Service, Payload, ()>;
+/// Ports of the control service.
+pub type Control = request_response::PortFactory<ipc::Service, Command, (), Reply, ()>;
+/// Ports of the blackboard.
+pub type Latest = blackboard::PortFactory<ipc::Service, u32>;
+
+/// Why a service cannot be made or opened.
+#[derive(Debug, thiserror::Error)]
+pub enum ServiceError {
+    /// The domain cannot be used.
+    #[error(transparent)]
+    Domain(#[from] DomainError),
+    /// The name cannot be part of a service name.
+    #[error("instance '{0}': needed: 1 to 32 letters, digits, '-' or '_'")]
+    InstanceName(String),
+    /// iceoryx2 refused.
+    #[error("{action} '{name}': {found}; {remedy}")]
+    Refused {
+        /// What was tried.
+        action: &'static str,
+        /// On which service or node.
+        name: String,
+        /// iceoryx2's reason.
+        found: String,
+        /// What to do.
+        remedy: &'static str,
+    },
+    /// Nobody has made the service yet.
+    #[error("service '{0}' does not exist yet; start the service: daemon run")]
+    Missing(String),
+}
+
+fn refused(action: &'static str, name: &str, cause: &dyn Debug) -> ServiceError {
+    let found = format!("{cause:?}");
+    let remedy = if found.contains("Type") || found.contains("IncompatibleKeys") {
+        "the other side has another version of the payload: build both from the same version, and stop every process that still holds the service"
+    } else if found.contains("Permission") {
+        "the service belongs to another user: run as that user, or choose another --root"
+    } else if found.contains("VersionMismatch") {
+        "the other side uses another version of iceoryx2: this one needs 0.10.0 exactly"
+    } else if found.contains("DoesNotSupport") || found.contains("Incompatible") || found.contains("Exceeds")
+    {
+        "it exists with other qualities of service: stop every process that still holds it, then start the daemon first"
+    } else {
+        "stop every process of this domain, then remove its files: rm -r the root path, and the files of the same name in /dev/shm"
+    };
+    ServiceError::Refused { action, name: name.into(), found, remedy }
+}
+
+/// Makes this process known in a domain. Hold the domain's lock.
+///
+/// # Errors
+/// `Refused` with iceoryx2's reason.
+pub fn node(domain: &Domain, name: &str) -> Result<Node, ServiceError> {
+    // iceoryx2 logs on its own; what matters comes back as an error and is said once, by us.
+    set_log_level(LogLevel::Fatal);
+    let node_name = NodeName::new(name).map_err(|error| refused("name node", name, &error))?;
+    NodeBuilder::new()
+        .name(&node_name)
+        .config(&domain.config())
+        // A handler of iceoryx2's own would end the process without dropping its ports.
+        .signal_handling_mode(SignalHandlingMode::Disabled)
+        .create::<ipc::Service>()
+        .map_err(|error| refused("create node", name, &error))
+}
+
+/// Names and makes or opens the services of one instance.
+#[derive(Debug)]
+pub struct Services<'a> {
+    node: &'a Node,
+    instance: &'a str,
+}
+
+impl<'a> Services<'a> {
+    /// The services of `instance`, through `node`.
+    ///
+    /// # Errors
+    /// `InstanceName` for a name that is no part of a service name.
+    pub fn of(node: &'a Node, instance: &'a str) -> Result<Self, ServiceError> {
+        let allowed = |b: u8| b.is_ascii_alphanumeric() || b == b'-' || b == b'_';
+        if instance.is_empty() || instance.len() > 32 || !instance.bytes().all(allowed) {
+            return Err(ServiceError::InstanceName(instance.into()));
+        }
+        Ok(Self { node, instance })
+    }
+
+    fn name(&self, topic: &str) -> (String, ServiceName) {
+        let text = format!("{}/{topic}", self.instance);
+        let name = ServiceName::new(&text).expect("checked by Services::of");
+        (text, name)
+    }
+
+    fn make_topic<Payload: ZeroCopySend + Debug>(
+        &self,
+        topic: &str,
+        publishers: usize,
+        buffer: usize,
+        history: usize,
+    ) -> Result<Topic<Payload>, ServiceError> {
+        let (text, name) = self.name(topic);
+        self.node
+            .service_builder(&name)
+            .publish_subscribe::<Payload>()
+            .enable_safe_overflow(true)
+            .max_publishers(publishers)
+            .max_subscribers(MAX_READERS)
+            .max_nodes(MAX_NODES)
+            .subscriber_max_buffer_size(buffer)
+            .history_size(history)
+            .open_or_create()
+            .map_err(|error| refused("create service", &text, &error))
+    }
+
+    fn open_topic<Payload: ZeroCopySend + Debug>(&self, topic: &str) -> Result<Topic<Payload>, ServiceError> {
+        use iceoryx2::service::builder::publish_subscribe::PublishSubscribeOpenError as E;
+        let (text, name) = self.name(topic);
+        match self.node.service_builder(&name).publish_subscribe::<Payload>().open() {
+            Ok(service) => Ok(service),
+            Err(E::DoesNotExist | E::IsMarkedForDestruction | E::HangsInCreation) => {
+                Err(ServiceError::Missing(text))
+            }
+            Err(error) => Err(refused("open service", &text, &error)),
+        }
+    }
+
+    /// Vehicle → daemon. The daemon's side.
+    ///
+    /// # Errors
+    /// `Refused` where it exists with another type or other qualities.
+    pub fn make_measurement(&self) -> Result<Topic<Measurement>, ServiceError> {
+        self.make_topic("measurement", MAX_SOURCES, MEASUREMENT_BUFFER, 0)
+    }
+
+    /// Daemon → anyone. The daemon's side.
+    ///
+    /// # Errors
+    /// As [`Services::make_measurement`].
+    pub fn make_estimate(&self) -> Result<Topic<Estimate>, ServiceError> {
+        self.make_topic("estimate", 2, ESTIMATE_BUFFER, 1)
+    }
+
+    /// Daemon → operators, a few times a second. The daemon's side.
+    ///
+    /// # Errors
+    /// As [`Services::make_measurement`].
+    pub fn make_status(&self) -> Result<Topic<Status>, ServiceError> {
+        self.make_topic("status", 2, 8, 1)
+    }
+
+    /// Simulator → bench, monitor. The daemon's side.
+    ///
+    /// # Errors
+    /// As [`Services::make_measurement`].
+    pub fn make_truth(&self) -> Result<Topic<Truth>, ServiceError> {
+        self.make_topic("truth", MAX_SOURCES, ESTIMATE_BUFFER, 0)
+    }
+
+    /// The newest estimate and status, for those who want nothing older. The daemon's side.
+    ///
+    /// # Errors
+    /// As [`Services::make_measurement`].
+    pub fn make_latest(&self) -> Result<Latest, ServiceError> {
+        let (text, name) = self.name("latest");
+        match self.node.service_builder(&name).blackboard_opener::<u32>().open() {
+            Ok(service) => return Ok(service),
+            Err(BlackboardOpenError::DoesNotExist | BlackboardOpenError::IsMarkedForDestruction) => {}
+            Err(error) => return Err(refused("open service", &text, &error)),
+        }
+        self.node
+            .service_builder(&name)
+            .blackboard_creator::<u32>()
+            .max_readers(MAX_READERS)
+            .max_nodes(MAX_NODES)
+            .add_with_default::<Estimate>(LATEST_ESTIMATE)
+            .add_with_default::<Status>(LATEST_STATUS)
+            .create()
+            .map_err(|error| refused("create service", &text, &error))
+    }
+
+    /// Operator → daemon. The daemon's side.
+    ///
+    /// # Errors
+    /// As [`Services::make_measurement`].
+    pub fn make_control(&self) -> Result<Control, ServiceError> {
+        let (text, name) = self.name("control");
+        self.node
+            .service_builder(&name)
+            .request_response::<Command, Reply>()
+            .max_clients(MAX_READERS)
+            .max_servers(2)
+            .max_nodes(MAX_NODES)
+            .max_active_requests_per_client(2)
+            .max_response_buffer_size(2)
+            .open_or_create()
+            .map_err(|error| refused("create service", &text, &error))
+    }
+
+    /// Vehicle → daemon. Everyone else's side.
+    ///
+    /// # Errors
+    /// `Missing` until the daemon has made it, `Refused` where type or qualities do not fit.
+    pub fn open_measurement(&self) -> Result<Topic<Measurement>, ServiceError> {
+        self.open_topic("measurement")
+    }
+
+    /// Daemon → anyone. Everyone else's side.
+    ///
+    /// # Errors
+    /// As [`Services::open_measurement`].
+    pub fn open_estimate(&self) -> Result<Topic<Estimate>, ServiceError> {
+        self.open_topic("estimate")
+    }
+
+    /// Daemon → operators. Everyone else's side.
+    ///
+    /// # Errors
+    /// As [`Services::open_measurement`].
+    pub fn open_status(&self) -> Result<Topic<Status>, ServiceError> {
+        self.open_topic("status")
+    }
+
+    /// Simulator → bench, monitor. Everyone else's side.
+    ///
+    /// # Errors
+    /// As [`Services::open_measurement`].
+    pub fn open_truth(&self) -> Result<Topic<Truth>, ServiceError> {
+        self.open_topic("truth")
+    }
+
+    /// The newest estimate and status. Everyone else's side.
+    ///
+    /// # Errors
+    /// As [`Services::open_measurement`].
+    pub fn open_latest(&self) -> Result<Latest, ServiceError> {
+        use BlackboardOpenError as E;
+        let (text, name) = self.name("latest");
+        match self.node.service_builder(&name).blackboard_opener::<u32>().open() {
+            Ok(service) => Ok(service),
+            Err(E::DoesNotExist | E::IsMarkedForDestruction | E::HangsInCreation) => {
+                Err(ServiceError::Missing(text))
+            }
+            Err(error) => Err(refused("open service", &text, &error)),
+        }
+    }
+
+    /// Operator → daemon. Everyone else's side.
+    ///
+    /// # Errors
+    /// As [`Services::open_measurement`].
+    pub fn open_control(&self) -> Result<Control, ServiceError> {
+        use iceoryx2::service::builder::request_response::RequestResponseOpenError as E;
+        let (text, name) = self.name("control");
+        match self.node.service_builder(&name).request_response::<Command, Reply>().open() {
+            Ok(service) => Ok(service),
+            Err(E::DoesNotExist | E::IsMarkedForDestruction | E::HangsInCreation) => {
+                Err(ServiceError::Missing(text))
+            }
+            Err(error) => Err(refused("open service", &text, &error)),
+        }
+    }
+}
