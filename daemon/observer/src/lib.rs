@@ -1,1 +1,123 @@
-//! placeholder
+//! Adaptive state observation in a vector-valued native space (RKHS): the mathematics only.
+//!
+//! The observer follows a vehicle's measured velocities, learns the force and torque that nobody
+//! modelled (drag, current, wind, a shifted load) as functions of the motion, and coasts on what it
+//! learned when a sensor falls silent:
+//!
+//! ```text
+//! x̂' = A x̂ + L (y − C x̂) + B (u + f̂(y)),     f̂ = Σ_j 𝔎(ξ_j, ·) α̂_j,     α̂' = σ(‖ỹ‖) K⁻¹ k(y) (Γ_f ỹ)ᵀ
+//! ```
+//!
+//! There is no clock, no file and no shared memory here, and no allocation after construction: time comes
+//! in with the samples. [`RigidBodyObserver`] is what flight code uses; [`Channel`] is the law itself.
+//!
+//! ```
+//! use nalgebra::{Matrix3, Vector3};
+//! use observer::*;
+//!
+//! let translation = TranslationDesign {
+//!     channel: ChannelDesign {
+//!         kernel: Kernel::SobolevMatern { order: MaternOrder::Three },
+//!         length_scale: 2.0,
+//!         centers: Centers::lattice([-1.0; 3], [1.0; 3], [3; 3])?,
+//!         nugget: 0.0,
+//!         inertia: Matrix3::identity() * 4.0,
+//!         gain_per_s: 10.0,
+//!         adaptation_rate: Matrix3::identity() * 100.0,
+//!         dead_zone: DeadZone::new(DeadZoneShape::Saturated, 1e-4, 1e-4)?,
+//!         noise_bound: 0.0,
+//!         hold_s: 0.01,
+//!         coast_step_s: 0.005,
+//!     },
+//!     known_force_n: Vector3::zeros(),
+//!     velocity_error_to_position: 0.0,
+//!     position_fix_gain_per_s: 0.0,
+//!     position_fix_hold_s: 0.0,
+//! };
+//! let mut observer = RigidBodyObserver::new(Some(translation), None, InitialState::default())?;
+//!
+//! // A body of 4 kg pushed with 2 N along x, against a drag of 0.5 N s/m that the observer is not told of.
+//! let (mut v, h) = (0.0, 0.005);
+//! for j in 0..4000_u64 {
+//!     observer.accept(&Sample {
+//!         stamp_ns: j * 5_000_000,
+//!         velocity: Some(Velocity::Inertial(Vector3::new(v, 0.0, 0.0))),
+//!         force_n: Some(Vector3::new(2.0, 0.0, 0.0)),
+//!         ..Sample::default()
+//!     });
+//!     v += h * (2.0 - 0.5 * v) / 4.0;
+//! }
+//! let estimate = observer.estimate(3999 * 5_000_000);
+//! assert!((estimate.matched_force_n.x + 0.5 * v).abs() < 0.05);
+//! # Ok::<(), DesignError>(())
+//! ```
+
+mod attitude;
+mod centers;
+mod channel;
+mod dead_zone;
+mod kernel;
+mod native_space;
+mod position;
+mod rigid_body;
+pub mod stability;
+mod timeline;
+
+pub use centers::Centers;
+pub use channel::{Channel, ChannelDesign, Learning, Segment};
+pub use dead_zone::{DeadZone, DeadZoneShape};
+pub use kernel::{Kernel, MaternOrder};
+pub use native_space::NativeSpace;
+pub use rigid_body::{
+    ChannelReport, GyroscopicTorque, InitialState, RigidBodyEstimate, RigidBodyObserver, RotationDesign,
+    Sample, TranslationDesign, Velocity,
+};
+
+/// The parameter of a design that cannot be used.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Parameter {
+    /// `length_scale`.
+    LengthScale,
+    /// `nugget`.
+    Nugget,
+    /// `centers`.
+    Centers,
+    /// `gain_per_s`.
+    Gain,
+    /// `adaptation_rate`.
+    AdaptationRate,
+    /// `inertia`.
+    Inertia,
+    /// The dead zone's width.
+    DeadZoneWidth,
+    /// The dead zone's buffer.
+    DeadZoneBuffer,
+    /// `noise_bound`.
+    NoiseBound,
+    /// `hold_s`.
+    Hold,
+    /// `coast_step_s`.
+    CoastStep,
+    /// Gain or hold of a position or attitude fix, or the velocity error's way into the position.
+    Fix,
+    /// Neither a translation nor a rotation was asked for.
+    Channels,
+}
+
+/// Why a design cannot be used: what was found, and what would be accepted.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[error("{parameter:?}: found {found}; needed: {needed}")]
+pub struct DesignError {
+    /// Which parameter.
+    pub parameter: Parameter,
+    /// What it is.
+    pub found: String,
+    /// What would be accepted.
+    pub needed: String,
+}
+
+impl DesignError {
+    pub(crate) fn new(parameter: Parameter, found: String, needed: impl Into<String>) -> Self {
+        Self { parameter, found, needed: needed.into() }
+    }
+}

@@ -1,0 +1,59 @@
+//! Attitude: a unit quaternion moved by the exponential map, and optional fixes.
+
+use crate::channel::Segment;
+use crate::timeline::Kinematics;
+use nalgebra::{UnitQuaternion, Vector3};
+
+/// q̂ (body to inertial) with `q̂_{j+1} = q̂_j ⊗ exp(½ h ω̄)`, ω̄ = (ω̂_j + ω̂_{j+1})/2: no gimbal lock.
+///
+/// A fix is carried along with the motion; what is left of its error, a rotation about a body axis,
+/// decays as e^{−L_q t}.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Attitude {
+    pub(crate) attitude: UnitQuaternion<f64>,
+    /// L_q (1/s).
+    fix_gain_per_s: f64,
+    /// Rotation vector, body axes (rad).
+    fix_error: Vector3<f64>,
+    fix_until_ns: u64,
+    known: bool,
+}
+
+impl Attitude {
+    pub(crate) fn new(start: Option<UnitQuaternion<f64>>, fix_gain_per_s: f64) -> Self {
+        Self {
+            attitude: start.unwrap_or_default(),
+            fix_gain_per_s,
+            fix_error: Vector3::zeros(),
+            fix_until_ns: 0,
+            known: start.is_some(),
+        }
+    }
+
+    /// Takes a fix, of either sign; the first one sets the attitude where no initial one was given.
+    pub(crate) fn take_fix(&mut self, fix: &UnitQuaternion<f64>, until_ns: u64) {
+        if self.known {
+            // The logarithm takes the shorter way round, so q and −q are the same fix.
+            self.fix_error = (self.attitude.inverse() * fix).scaled_axis();
+            self.fix_until_ns = until_ns;
+        } else {
+            (self.attitude, self.known) = (*fix, true);
+        }
+    }
+}
+
+impl Kinematics for Attitude {
+    fn after(&self, segment: &Segment, start_ns: u64) -> Self {
+        let mut next = *self;
+        if start_ns < self.fix_until_ns {
+            let corrected = -(-self.fix_gain_per_s * segment.h_s).exp_m1() * self.fix_error;
+            next.attitude *= UnitQuaternion::new(corrected);
+            next.fix_error -= corrected;
+        }
+        let turn = UnitQuaternion::new(0.5 * segment.h_s * (segment.start + segment.end));
+        next.attitude *= turn;
+        next.attitude.renormalize_fast();
+        next.fix_error = turn.inverse_transform_vector(&next.fix_error);
+        next
+    }
+}
