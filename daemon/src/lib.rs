@@ -1,1 +1,165 @@
-//! placeholder
+//! The fixed-rate state-estimation service.
+//!
+//! ```text
+//! vehicle ──measurement──▶ gate ─▶ observer ─▶ estimate ──▶ anyone
+//!                            the loop thread, one tick        │
+//!                              │ ▲  wait-free rings           └▶ latest (blackboard)
+//!                              ▼ │
+//! operator ◀──control,status── the attendant thread ─▶ log
+//! ```
+//!
+//! | module | holds |
+//! |---|---|
+//! | [`config`] | TOML in, checked design out |
+//! | [`gate`] | which samples are believed |
+//! | [`cycle`] | the tick |
+//! | [`ports`] | the iceoryx2 ports of the service |
+//! | [`attendant`] | status, commands, log |
+//! | [`cli`] | the command line |
+
+pub mod attendant;
+pub mod cli;
+pub mod config;
+pub mod cycle;
+pub mod gate;
+pub mod ports;
+
+use attendant::{Attendant, AttendantRings};
+use config::{ConfigError, ConfigFile};
+use cycle::{Cycle, LoopRings};
+use ports::{AttendantPorts, LoopPorts, PortsError};
+use shared_types::domain::InstanceClaim;
+use shared_types::{Domain, DomainError, Status};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc;
+use std::thread::JoinHandle;
+
+/// Tick records on their way to the attendant: a second and more at any usual rate.
+const RECORDS: usize = 8192;
+
+/// Why the service did not start.
+#[derive(Debug, thiserror::Error)]
+pub enum StartError {
+    /// The configuration was refused.
+    #[error(transparent)]
+    Config(#[from] ConfigError),
+    /// Shared memory was refused.
+    #[error(transparent)]
+    Ports(#[from] PortsError),
+    /// A thread could not be started, or ended at once.
+    #[error("the {0} thread did not start")]
+    Thread(&'static str),
+}
+
+impl From<DomainError> for StartError {
+    fn from(error: DomainError) -> Self {
+        Self::Ports(error.into())
+    }
+}
+
+/// A running service: a loop thread and an attendant thread.
+#[derive(Debug)]
+pub struct Service {
+    domain: Domain,
+    _claim: InstanceClaim,
+    stop_loop: Arc<AtomicBool>,
+    stop_attendant: Arc<AtomicBool>,
+    loop_thread: Option<JoinHandle<()>>,
+    attendant_thread: Option<JoinHandle<Status>>,
+}
+
+impl Service {
+    /// Starts the service of `instance` and returns once all its services exist.
+    ///
+    /// # Errors
+    /// The configuration is refused, the instance is taken, or shared memory cannot be used; nothing runs then.
+    pub fn start(config: &ConfigFile, domain: &Domain, instance: &str) -> Result<Self, StartError> {
+        let observer = config.observer()?;
+        let config = config.config.clone();
+        let claim = domain.claim_instance(instance)?;
+        let (records_in, records_out) = rtrb::RingBuffer::new(RECORDS);
+        let (commands_in, commands_out) = rtrb::RingBuffer::new(8);
+        let (statuses_in, statuses_out) = rtrb::RingBuffer::new(4);
+        let loop_rings = LoopRings { records: records_in, commands: commands_out, statuses: statuses_out };
+        let attendant_rings =
+            AttendantRings { records: records_out, commands: commands_in, statuses: statuses_in };
+
+        let mut service = Self {
+            domain: domain.clone(),
+            _claim: claim,
+            stop_loop: Arc::default(),
+            stop_attendant: Arc::default(),
+            loop_thread: None,
+            attendant_thread: None,
+        };
+        let rate_hz = config.rate_hz;
+        let stop = Arc::clone(&service.stop_attendant);
+        service.attendant_thread =
+            Some(spawn_with("attendant", domain, instance, AttendantPorts::make, move |ports| {
+                Attendant::new(ports, attendant_rings, rate_hz).run(&stop)
+            })?);
+        let stop = Arc::clone(&service.stop_loop);
+        service.loop_thread = Some(spawn_with("loop", domain, instance, LoopPorts::make, move |ports| {
+            Cycle::new(&config, observer, ports, loop_rings).run(&config, &stop);
+        })?);
+        Ok(service)
+    }
+
+    /// Finishes the tick, takes the services away, and returns the last status.
+    pub fn stop(mut self) -> Status {
+        self.finish().unwrap_or_default()
+    }
+
+    /// Whether the loop still runs; it ends by itself only by a defect.
+    pub fn is_running(&self) -> bool {
+        self.loop_thread.as_ref().is_some_and(|thread| !thread.is_finished())
+    }
+
+    fn finish(&mut self) -> Option<Status> {
+        self.stop_loop.store(true, Ordering::Relaxed);
+        if let Some(thread) = self.loop_thread.take() {
+            let _ = thread.join();
+        }
+        // The attendant ends last: its last status covers the last tick.
+        self.stop_attendant.store(true, Ordering::Relaxed);
+        let status = self.attendant_thread.take().and_then(|thread| thread.join().ok());
+        // A domain still in use, or locked by a starting process, stays.
+        let _ = self.domain.remove_if_unused();
+        status
+    }
+}
+
+impl Drop for Service {
+    fn drop(&mut self) {
+        self.finish();
+    }
+}
+
+/// Starts a thread that makes its ports itself, since they stay on the thread that makes them, and waits
+/// until it has.
+fn spawn_with<Ports: 'static, T: Send + Default + 'static>(
+    name: &'static str,
+    domain: &Domain,
+    instance: &str,
+    make: fn(&Domain, &str) -> Result<Ports, PortsError>,
+    work: impl FnOnce(Ports) -> T + Send + 'static,
+) -> Result<JoinHandle<T>, StartError> {
+    let (domain, instance) = (domain.clone(), instance.to_owned());
+    let (ready, made) = mpsc::sync_channel(1);
+    let thread = std::thread::Builder::new().name(format!("daemon-{name}")).spawn(move || {
+        match make(&domain, &instance) {
+            Ok(ports) => {
+                let _ = ready.send(Ok(()));
+                work(ports)
+            }
+            Err(error) => {
+                let _ = ready.send(Err(error));
+                T::default()
+            }
+        }
+    });
+    let thread = thread.map_err(|_| StartError::Thread(name))?;
+    made.recv().map_err(|_| StartError::Thread(name))??;
+    Ok(thread)
+}

@@ -5,7 +5,9 @@
 //! stop every later start. So whoever makes something first takes the domain's lock and removes what a
 //! dead maker left half-made.
 
-use iceoryx2::prelude::{Config, FileName, Path as IoxPath, SemanticString};
+use iceoryx2::prelude::{
+    CallbackProgression, Config, FileName, Node, NodeState, Path as IoxPath, SemanticString, ipc,
+};
 use rustix::fs::{FlockOperation, flock};
 use std::fs::{self, File, OpenOptions};
 use std::io::{self, Read, Seek, Write};
@@ -191,6 +193,24 @@ impl Domain {
         }
     }
 
+    /// Removes every file of the domain if no living process uses it. Call it last, after all ports and
+    /// nodes of this process are dropped.
+    ///
+    /// # Errors
+    /// As [`Domain::lock_for_making`] and [`Domain::remove`].
+    pub fn remove_if_unused(&self) -> Result<(), DomainError> {
+        if !self.root.exists() {
+            return Ok(());
+        }
+        let _making = self.lock_for_making()?;
+        let mut in_use = false;
+        let listed = Node::<ipc::Service>::list(&self.config(), |node| {
+            in_use |= !matches!(node, NodeState::Dead(_));
+            CallbackProgression::Continue
+        });
+        if listed.is_ok() && !in_use { self.remove() } else { Ok(()) }
+    }
+
     /// The domain's files in /dev/shm.
     ///
     /// # Errors
@@ -224,8 +244,7 @@ impl Domain {
     fn remove_half_made(&self) -> Result<usize, DomainError> {
         let mut removed = 0;
         for (file, unfinished) in self.half_made_candidates()? {
-            loop {
-                let Ok(metadata) = fs::metadata(&file) else { break };
+            while let Ok(metadata) = fs::metadata(&file) {
                 if !unfinished(metadata.permissions().mode()) {
                     break;
                 }
@@ -277,15 +296,12 @@ pub struct InstanceClaim {
 
 /// The locked file with our process id in it, or the process id of the holder.
 fn take_lock(path: &Path) -> Result<Result<File, String>, DomainError> {
-    let mut file = OpenOptions::new()
-        .read(true)
-        .write(true)
-        .create(true)
-        .truncate(false)
-        .mode(0o640)
-        .open(path)
-        .map_err(io_error("open lock file", path))?;
+    let mut options = OpenOptions::new();
+    options.read(true).write(true).create(true).truncate(false).mode(0o640);
+    let mut file = options.open(path).map_err(io_error("open lock file", path))?;
     match flock(&file, FlockOperation::NonBlockingLockExclusive) {
+        // The last process of a domain removes its files: a lock on a removed one protects nothing.
+        Ok(()) if !is_still_at(&file, path) => take_lock(path),
         Ok(()) => {
             file.set_len(0).and_then(|()| file.rewind()).map_err(io_error("write", path))?;
             write!(file, "{}", std::process::id()).map_err(io_error("write", path))?;
@@ -297,6 +313,13 @@ fn take_lock(path: &Path) -> Result<Result<File, String>, DomainError> {
             Ok(Err(if holder.is_empty() { "unknown".into() } else { holder }))
         }
         Err(error) => Err(io_error("lock", path)(error.into())),
+    }
+}
+
+fn is_still_at(file: &File, path: &Path) -> bool {
+    match (file.metadata(), fs::metadata(path)) {
+        (Ok(locked), Ok(there)) => locked.ino() == there.ino() && locked.dev() == there.dev(),
+        _ => false,
     }
 }
 

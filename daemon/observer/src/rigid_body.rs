@@ -2,7 +2,7 @@
 
 use crate::attitude::Attitude;
 use crate::position::Position;
-use crate::timeline::{KnownForce, Moment, Prediction, Timeline, seconds};
+use crate::timeline::{Kinematics, KnownForce, Moment, Prediction, Timeline, seconds};
 use crate::{Channel, ChannelDesign, DesignError, Parameter};
 use nalgebra::{UnitQuaternion, Vector3};
 
@@ -151,14 +151,33 @@ pub struct RigidBodyObserver {
     attitude_fix_hold_ns: u64,
     /// Attitude of a body without a rotation channel: the newest fix.
     fixed_attitude: UnitQuaternion<f64>,
-    good: GoodCopy,
+    good_translation: Option<GoodCopy<Position>>,
+    good_rotation: Option<GoodCopy<Attitude>>,
 }
 
-/// The last state and weights known to be good.
+/// The last state and weights of a channel that were known to be good.
 #[derive(Debug, Clone)]
-struct GoodCopy {
-    translation: Option<(Option<Moment<Position>>, [Vec<f64>; 3])>,
-    rotation: Option<(Option<Moment<Attitude>>, [Vec<f64>; 3])>,
+struct GoodCopy<K> {
+    moment: Option<Moment<K>>,
+    weights: [Vec<f64>; 3],
+}
+
+impl<K: Kinematics> GoodCopy<K> {
+    fn of(timeline: &Timeline<K>) -> Self {
+        Self { moment: timeline.committed(), weights: timeline.channel.weights().clone() }
+    }
+
+    fn keep(&mut self, timeline: &Timeline<K>) {
+        self.moment = timeline.committed();
+        for (kept, theta) in self.weights.iter_mut().zip(timeline.channel.weights()) {
+            kept.copy_from_slice(theta);
+        }
+    }
+
+    fn restore(&self, timeline: &mut Timeline<K>, stamp_ns: u64) {
+        timeline.put_back(self.moment, stamp_ns);
+        timeline.channel.set_weights(&self.weights);
+    }
 }
 
 impl RigidBodyObserver {
@@ -198,18 +217,15 @@ impl RigidBodyObserver {
             Timeline::new(design.channel, known_force, initial.angular_velocity_rad_s, attitude)
         });
         let (translation, rotation) = (translation.transpose()?, rotation.transpose()?);
-        let good = GoodCopy {
-            translation: translation.as_ref().map(|t| (None, t.channel.weights().clone())),
-            rotation: rotation.as_ref().map(|r| (None, r.channel.weights().clone())),
-        };
         Ok(Self {
+            good_translation: translation.as_ref().map(GoodCopy::of),
+            good_rotation: rotation.as_ref().map(GoodCopy::of),
             translation,
             rotation,
             fixed_attitude: initial.attitude.unwrap_or_default(),
             initial_attitude: initial.attitude.unwrap_or_default(),
             position_fix_hold_ns,
             attitude_fix_hold_ns,
-            good,
         })
     }
 
@@ -313,25 +329,21 @@ impl RigidBodyObserver {
     /// # Cost
     /// 6N numbers copied; no allocation.
     pub fn keep_good_copy(&mut self) {
-        if let (Some(timeline), Some((moment, weights))) = (&self.translation, &mut self.good.translation) {
-            *moment = timeline.committed();
-            copy_weights(timeline.channel.weights(), weights);
+        if let (Some(timeline), Some(good)) = (&self.translation, &mut self.good_translation) {
+            good.keep(timeline);
         }
-        if let (Some(timeline), Some((moment, weights))) = (&self.rotation, &mut self.good.rotation) {
-            *moment = timeline.committed();
-            copy_weights(timeline.channel.weights(), weights);
+        if let (Some(timeline), Some(good)) = (&self.rotation, &mut self.good_rotation) {
+            good.keep(timeline);
         }
     }
 
     /// Puts state and weights back to the last good copy, as the state of `stamp_ns`.
     pub fn restore_good_copy(&mut self, stamp_ns: u64) {
-        if let (Some(timeline), Some((moment, weights))) = (&mut self.translation, &self.good.translation) {
-            timeline.put_back(*moment, stamp_ns);
-            timeline.channel.set_weights(weights);
+        if let (Some(timeline), Some(good)) = (&mut self.translation, &self.good_translation) {
+            good.restore(timeline, stamp_ns);
         }
-        if let (Some(timeline), Some((moment, weights))) = (&mut self.rotation, &self.good.rotation) {
-            timeline.put_back(*moment, stamp_ns);
-            timeline.channel.set_weights(weights);
+        if let (Some(timeline), Some(good)) = (&mut self.rotation, &self.good_rotation) {
+            good.restore(timeline, stamp_ns);
         }
     }
 
@@ -346,12 +358,6 @@ impl RigidBodyObserver {
     }
 }
 
-fn copy_weights(from: &[Vec<f64>; 3], to: &mut [Vec<f64>; 3]) {
-    for (from, to) in from.iter().zip(to) {
-        to.copy_from_slice(from);
-    }
-}
-
 fn fix_hold_ns(gain_per_s: f64, hold_s: f64) -> Result<u64, DesignError> {
     for value in [gain_per_s, hold_s] {
         if !(value.is_finite() && value >= 0.0) {
@@ -361,11 +367,7 @@ fn fix_hold_ns(gain_per_s: f64, hold_s: f64) -> Result<u64, DesignError> {
     Ok((hold_s * 1e9).round() as u64)
 }
 
-fn report<K: crate::timeline::Kinematics>(
-    timeline: &Timeline<K>,
-    at: &Prediction<K>,
-    stamp_ns: u64,
-) -> ChannelReport {
+fn report<K: Kinematics>(timeline: &Timeline<K>, at: &Prediction<K>, stamp_ns: u64) -> ChannelReport {
     let channel = &timeline.channel;
     let space = channel.space();
     let (lower, upper) = space.bounding_box();

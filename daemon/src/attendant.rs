@@ -1,0 +1,248 @@
+//! The attendant: everything of the service that is not the loop. It gathers the loop's records, publishes
+//! the status, answers commands and writes the log, on a thread of its own.
+
+use crate::cycle::{LoopCommand, TickRecord};
+use crate::ports::AttendantPorts;
+use hdrhistogram::Histogram;
+use shared_types::clock::monotonic_ns;
+use shared_types::payload::{LatencySummary, Rejection, Reply, Status, command, outcome};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+
+const LOOK_EVERY: Duration = Duration::from_millis(5);
+const STATUS_EVERY: Duration = Duration::from_millis(200);
+/// A loop that has not carried out a command after this long is stuck, and the operator is told so.
+const LOOP_PATIENCE: Duration = Duration::from_secs(2);
+
+/// The wait-free rings between the attendant thread and the loop.
+pub struct AttendantRings {
+    /// From the loop.
+    pub records: rtrb::Consumer<TickRecord>,
+    /// To the loop.
+    pub commands: rtrb::Producer<LoopCommand>,
+    /// To the loop, for the blackboard.
+    pub statuses: rtrb::Producer<Status>,
+}
+
+/// The attendant's state.
+pub struct Attendant {
+    ports: AttendantPorts,
+    rings: AttendantRings,
+    newest: Option<TickRecord>,
+    wake_up_lateness: Latency,
+    step: Latency,
+    input_age: Latency,
+    source_to_publish: Latency,
+    start_ns: u64,
+    rate_millihertz: u64,
+    statuses: u64,
+    logged: Logged,
+}
+
+/// What the log has said already.
+#[derive(Default)]
+struct Logged {
+    rejected: [u64; 10],
+    state_resets: u64,
+    source_changes: u64,
+    other_source: Option<u128>,
+    waiting_said: bool,
+}
+
+impl Attendant {
+    /// An attendant of a loop of `rate_hz` that starts now.
+    pub fn new(ports: AttendantPorts, rings: AttendantRings, rate_hz: f64) -> Self {
+        Self {
+            ports,
+            rings,
+            newest: None,
+            wake_up_lateness: Latency::new(),
+            step: Latency::new(),
+            input_age: Latency::new(),
+            source_to_publish: Latency::new(),
+            start_ns: monotonic_ns(),
+            rate_millihertz: (rate_hz * 1e3).round() as u64,
+            statuses: 0,
+            logged: Logged::default(),
+        }
+    }
+
+    /// Serves until `stop`; then publishes a last status that covers every tick.
+    pub fn run(mut self, stop: &AtomicBool) -> Status {
+        let mut last_status = Instant::now();
+        while !stop.load(Ordering::Relaxed) {
+            self.gather();
+            self.serve_commands();
+            if last_status.elapsed() >= STATUS_EVERY {
+                last_status = Instant::now();
+                self.publish_status();
+                self.log();
+            }
+            std::thread::sleep(LOOK_EVERY);
+        }
+        self.gather();
+        self.publish_status()
+    }
+
+    fn gather(&mut self) {
+        while let Ok(record) = self.rings.records.pop() {
+            self.wake_up_lateness.note(record.wake_up_lateness_ns);
+            self.step.note(Some(record.step_ns));
+            self.input_age.note(record.input_age_ns);
+            self.source_to_publish.note(record.source_to_publish_ns);
+            self.newest = Some(record);
+        }
+    }
+
+    fn publish_status(&mut self) -> Status {
+        let status = self.status();
+        self.statuses += 1;
+        self.ports.publish(&status);
+        // A full ring means that the loop has not run since: there is nothing newer to say.
+        let _ = self.rings.statuses.push(status);
+        status
+    }
+
+    fn status(&self) -> Status {
+        let mut status = Status {
+            sequence: self.statuses,
+            stamp_ns: monotonic_ns(),
+            start_stamp_ns: self.start_ns,
+            rate_millihertz: self.rate_millihertz,
+            newest_sample_age_ns: u64::MAX,
+            wake_up_lateness_ns: self.wake_up_lateness.summary(),
+            step_ns: self.step.summary(),
+            input_age_ns: self.input_age.summary(),
+            source_to_publish_ns: self.source_to_publish.summary(),
+            ..Status::default()
+        };
+        let Some(record) = &self.newest else { return status };
+        let counters = &record.counters;
+        status.ticks = counters.ticks;
+        status.deadline_misses = counters.deadline_misses;
+        status.samples_accepted = counters.samples_accepted;
+        status.samples_lost = counters.samples_lost;
+        status.samples_rejected = counters.samples_rejected;
+        status.ticks_coasting = counters.ticks_coasting;
+        status.ticks_clamped = counters.ticks_clamped;
+        status.state_resets = counters.state_resets;
+        status.source_changes = counters.source_changes;
+        status.commands = counters.commands;
+        status.records_dropped = counters.records_dropped;
+        status.newest_sequence = record.newest_sequence;
+        if let Some(stamp_ns) = record.newest_stamp_ns {
+            status.newest_sample_age_ns = status.stamp_ns.saturating_sub(stamp_ns);
+        }
+        let pid = |source: Option<u128>| source.and_then(|source| self.ports.source_pid(source)).unwrap_or(0);
+        status.source_pid = pid(record.source);
+        status.other_source_pid = pid(record.other_source);
+        status.adaptation_frozen = u64::from(record.frozen);
+        status
+    }
+
+    fn serve_commands(&mut self) {
+        while let Some(request) = self.ports.request() {
+            let reply = self.carry_out(request.kind());
+            request.answer(reply);
+        }
+    }
+
+    fn carry_out(&mut self, kind: u32) -> Reply {
+        let (loop_command, done) = match kind {
+            command::RESET => (LoopCommand::Reset, "state and learned weights forgotten"),
+            command::FREEZE => (LoopCommand::Freeze, "adaptation frozen; what was learned stays in use"),
+            command::THAW => (LoopCommand::Thaw, "adaptation resumed"),
+            command::STATUS => return Reply::new(outcome::DONE, "running", self.status()),
+            command::SAVE => {
+                let message =
+                    "this version keeps no snapshots: the learned weights live as long as the service";
+                return Reply::new(outcome::REFUSED, message, self.status());
+            }
+            _ => {
+                let message = format!("command {kind} is unknown; needed: 1 … 5");
+                return Reply::new(outcome::UNKNOWN, &message, self.status());
+            }
+        };
+        let before = self.commands_done();
+        let deadline = Instant::now() + LOOP_PATIENCE;
+        let sent = self.rings.commands.push(loop_command).is_ok();
+        while sent && Instant::now() < deadline {
+            self.gather();
+            if self.commands_done() > before {
+                return Reply::new(outcome::DONE, done, self.status());
+            }
+            std::thread::sleep(Duration::from_millis(1));
+        }
+        let message = format!("the loop did not answer within {} s: it is stuck", LOOP_PATIENCE.as_secs());
+        Reply::new(outcome::REFUSED, &message, self.status())
+    }
+
+    fn commands_done(&self) -> u64 {
+        self.newest.map_or(0, |record| record.counters.commands)
+    }
+
+    fn log(&mut self) {
+        let Some(record) = &self.newest else { return };
+        let counters = record.counters;
+        if record.source.is_none() && !self.logged.waiting_said {
+            eprintln!("daemon: no sample yet; waiting for a source");
+            self.logged.waiting_said = true;
+        }
+        if counters.source_changes != self.logged.source_changes {
+            self.logged.source_changes = counters.source_changes;
+            let pid = record.source.and_then(|source| self.ports.source_pid(source));
+            let pid = pid.map_or("unknown".into(), |pid| pid.to_string());
+            eprintln!("daemon: source of samples is process {pid} (change {})", counters.source_changes);
+        }
+        if record.other_source.is_some() && record.other_source != self.logged.other_source {
+            if let Some(pid) = record.other_source.and_then(|source| self.ports.source_pid(source)) {
+                eprintln!(
+                    "daemon: process {pid} publishes too and is refused; stop one of the two (input.source decides who wins)"
+                );
+            }
+            self.logged.other_source = record.other_source;
+        }
+        for reason in Rejection::ALL {
+            let (now, before) =
+                (counters.samples_rejected[reason as usize], self.logged.rejected[reason as usize]);
+            // The first of a kind, then each power of ten: a flood of bad samples is no flood of lines.
+            if now.checked_ilog10() > before.checked_ilog10() {
+                eprintln!("daemon: {now} samples rejected: {}", reason.words());
+            }
+            self.logged.rejected[reason as usize] = now;
+        }
+        if counters.state_resets != self.logged.state_resets {
+            self.logged.state_resets = counters.state_resets;
+            eprintln!(
+                "daemon: the state left its limits and was put back to the last good one ({} times)",
+                counters.state_resets
+            );
+        }
+    }
+}
+
+/// A histogram of one latency: 1 ns to 100 s, three significant digits.
+struct Latency(Histogram<u64>);
+
+impl Latency {
+    fn new() -> Self {
+        Self(Histogram::new_with_bounds(1, 100_000_000_000, 3).expect("constant bounds"))
+    }
+
+    fn note(&mut self, value_ns: Option<u64>) {
+        if let Some(value_ns) = value_ns {
+            self.0.saturating_record(value_ns);
+        }
+    }
+
+    fn summary(&self) -> LatencySummary {
+        LatencySummary {
+            count: self.0.len(),
+            p50: self.0.value_at_quantile(0.5),
+            p90: self.0.value_at_quantile(0.9),
+            p99: self.0.value_at_quantile(0.99),
+            p999: self.0.value_at_quantile(0.999),
+            max: self.0.max(),
+        }
+    }
+}

@@ -1,0 +1,851 @@
+//! The service's configuration: TOML in, checked design out.
+//!
+//! Keys carry their units; an unknown key is an error. Every message says where (file and line), what was
+//! found, and what would be accepted.
+
+use nalgebra::{Matrix3, Quaternion, UnitQuaternion, Vector3};
+use observer::{
+    Centers, ChannelDesign, DeadZone, DeadZoneShape, DesignError, GyroscopicTorque, InitialState, Kernel,
+    MaternOrder, Parameter, RigidBodyObserver, RotationDesign, TranslationDesign,
+};
+use serde::{Deserialize, Serialize};
+use std::path::Path;
+
+/// An output is held for this many of its sample periods; then its channel coasts.
+const HOLD_PERIODS: f64 = 1.5;
+
+/// The built-in configurations: name, text.
+pub const PRESETS: [(&str, &str); 5] = [
+    ("rigid-body", include_str!("../presets/rigid-body.toml")),
+    ("paper-translation", include_str!("../presets/paper-translation.toml")),
+    ("paper-rotation", include_str!("../presets/paper-rotation.toml")),
+    ("acsl-x8", include_str!("../presets/acsl-x8.toml")),
+    ("auv", include_str!("../presets/auv.toml")),
+];
+
+/// Why a configuration was refused.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[error("{place}: {what}")]
+pub struct ConfigError {
+    /// File and line.
+    pub place: String,
+    /// What was found, what is needed, what to do.
+    pub what: String,
+}
+
+/// When the service steps.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Trigger {
+    /// At every tick of `rate_hz`.
+    #[default]
+    Timer,
+    /// As soon as a sample arrives, polling one core; at `rate_hz` while none does.
+    Sample,
+}
+
+/// What time it is for the estimate.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Clock {
+    /// CLOCK_MONOTONIC: the estimate is propagated from the newest sample to the tick.
+    #[default]
+    Monotonic,
+    /// The stamp of the newest sample: for replay at another speed than that of the flight.
+    Samples,
+}
+
+/// Which source wins where several publish.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum SourcePolicy {
+    /// The one in use, until it has been silent for `takeover_after_s`.
+    #[default]
+    First,
+    /// The one that appeared last.
+    Newest,
+}
+
+/// The whole configuration.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Config {
+    /// Ticks per second.
+    pub rate_hz: f64,
+    /// When the service steps.
+    #[serde(default)]
+    pub trigger: Trigger,
+    /// What time it is for the estimate.
+    #[serde(default)]
+    pub clock: Clock,
+    /// The last part of every wait is spent polling the clock (µs).
+    #[serde(default)]
+    pub spin_us: f64,
+    /// Without a sample for this long the estimate says stale (s).
+    #[serde(default = "defaults::stale_after_s")]
+    pub stale_after_s: f64,
+    /// The state before the first sample.
+    #[serde(default, skip_serializing_if = "InitialConfig::is_empty")]
+    pub initial: InitialConfig,
+    /// Which samples are believed.
+    #[serde(default)]
+    pub input: InputConfig,
+    /// The translation channel.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub translation: Option<TranslationConfig>,
+    /// The rotation channel.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub rotation: Option<RotationConfig>,
+}
+
+/// The state before the first sample; what is missing is taken from the first measurement of it.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct InitialConfig {
+    /// Position, inertial (m).
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub position_m: Option<[f64; 3]>,
+    /// Velocity, inertial (m/s).
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub velocity_m_s: Option<[f64; 3]>,
+    /// Attitude, unit quaternion, body to inertial.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub attitude_wxyz: Option<[f64; 4]>,
+    /// Angular velocity, body axes (rad/s).
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub angular_velocity_rad_s: Option<[f64; 3]>,
+}
+
+impl InitialConfig {
+    fn is_empty(&self) -> bool {
+        *self == Self::default()
+    }
+}
+
+/// Which samples are believed, and which source.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct InputConfig {
+    /// Largest plausible speed (m/s), of a measurement and of the estimate.
+    pub max_speed_m_s: f64,
+    /// Largest plausible angular rate (rad/s), of a measurement and of the estimate.
+    pub max_angular_rate_rad_s: f64,
+    /// Largest plausible distance from the origin (m), of a measurement and of the estimate.
+    pub max_position_m: f64,
+    /// Largest plausible commanded force (N).
+    pub max_force_n: f64,
+    /// Largest plausible commanded torque (N·m).
+    pub max_torque_n_m: f64,
+    /// A stamp further ahead of the clock is rejected (s).
+    pub max_future_s: f64,
+    /// A stamp further behind the clock is rejected (s).
+    pub max_age_s: f64,
+    /// Which source wins where several publish.
+    pub source: SourcePolicy,
+    /// A source silent for this long may be replaced by another one (s).
+    pub takeover_after_s: f64,
+}
+
+impl Default for InputConfig {
+    fn default() -> Self {
+        Self {
+            max_speed_m_s: 100.0,
+            max_angular_rate_rad_s: 50.0,
+            max_position_m: 1e6,
+            max_force_n: 1e5,
+            max_torque_n_m: 1e5,
+            max_future_s: 0.05,
+            max_age_s: 0.5,
+            source: SourcePolicy::First,
+            takeover_after_s: 0.2,
+        }
+    }
+}
+
+/// A symmetric matrix: a multiple of the identity, a diagonal, or all nine numbers.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(
+    untagged,
+    expecting = "expected a number, three numbers (a diagonal), or three rows of three numbers"
+)]
+pub enum SymmetricMatrix {
+    /// A multiple of the identity.
+    Scalar(f64),
+    /// A diagonal.
+    Diagonal([f64; 3]),
+    /// Row after row.
+    Full([[f64; 3]; 3]),
+}
+
+impl SymmetricMatrix {
+    fn matrix(&self) -> Matrix3<f64> {
+        match self {
+            Self::Scalar(a) => Matrix3::identity() * *a,
+            Self::Diagonal(diagonal) => Matrix3::from_diagonal(&Vector3::from(*diagonal)),
+            Self::Full(rows) => Matrix3::from_fn(|i, j| rows[i][j]),
+        }
+    }
+}
+
+/// The kernel κ.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub enum KernelName {
+    /// Sobolev–Matérn on ℝ³, k = 2.
+    #[serde(rename = "sobolev-matern-2")]
+    SobolevMatern2,
+    /// Sobolev–Matérn on ℝ³, k = 3.
+    #[default]
+    #[serde(rename = "sobolev-matern-3")]
+    SobolevMatern3,
+    /// Sobolev–Matérn on ℝ³, k = 4.
+    #[serde(rename = "sobolev-matern-4")]
+    SobolevMatern4,
+}
+
+impl KernelName {
+    fn kernel(self) -> Kernel {
+        let order = match self {
+            Self::SobolevMatern2 => MaternOrder::Two,
+            Self::SobolevMatern3 => MaternOrder::Three,
+            Self::SobolevMatern4 => MaternOrder::Four,
+        };
+        Kernel::SobolevMatern { order }
+    }
+}
+
+/// The shape of the dead zone σ.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum DeadZoneName {
+    /// 0, then a smooth rise to 1 over the buffer.
+    #[default]
+    Saturated,
+    /// 0, then a parabola over the buffer, then a straight line without bound.
+    Quadratic,
+}
+
+/// Who accounts for −ω × Iω.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum GyroscopicTorqueName {
+    /// It is learned with the rest of the unknown torque.
+    #[default]
+    Learned,
+    /// It is computed from the estimate and the nominal inertia.
+    Feedforward,
+}
+
+/// The translation channel.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct TranslationConfig {
+    /// m (kg), with the added mass of a vehicle under water.
+    pub mass_kg: f64,
+    /// Gravity along the inertial axes (m/s²), where nothing else carries the weight.
+    #[serde(default)]
+    pub gravity_m_s2: [f64; 3],
+    /// Another known constant force, inertial axes (N): buoyancy.
+    #[serde(default)]
+    pub known_force_n: [f64; 3],
+    /// Velocity measurements per second; default: `rate_hz`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub sample_rate_hz: Option<f64>,
+    /// λ (1/s).
+    pub gain_per_s: f64,
+    /// Γ_f (kg/s²).
+    pub adaptation_rate_kg_s2: SymmetricMatrix,
+    /// κ.
+    #[serde(default)]
+    pub kernel: KernelName,
+    /// ℓ (m/s).
+    pub length_scale_m_s: f64,
+    /// Lower corner of the lattice of centers (m/s).
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub centers_lower_m_s: Option<[f64; 3]>,
+    /// Upper corner of the lattice of centers (m/s).
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub centers_upper_m_s: Option<[f64; 3]>,
+    /// Centers along each axis of the lattice.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub centers_per_axis: Option<[usize; 3]>,
+    /// Centers one by one, instead of a lattice (m/s).
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub centers_listed_m_s: Option<Vec<[f64; 3]>>,
+    /// Added to the Gram matrix's diagonal, as a multiple of κ(0).
+    #[serde(default)]
+    pub nugget: f64,
+    /// Shape of σ.
+    #[serde(default)]
+    pub dead_zone: DeadZoneName,
+    /// d (m/s).
+    pub dead_zone_width_m_s: f64,
+    /// ε (m/s).
+    pub dead_zone_buffer_m_s: f64,
+    /// δ̄: bound on the norm of the measurement error (m/s).
+    pub noise_bound_m_s: f64,
+    /// L_r, dimensionless.
+    #[serde(default)]
+    pub velocity_error_to_position: f64,
+    /// L_p (1/s).
+    #[serde(default)]
+    pub position_fix_gain_per_s: f64,
+    /// How long a position fix keeps correcting (s).
+    #[serde(default = "defaults::fix_hold_s")]
+    pub position_fix_hold_s: f64,
+}
+
+/// The rotation channel.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct RotationConfig {
+    /// I (kg·m²).
+    pub inertia_kg_m2: SymmetricMatrix,
+    /// Who accounts for −ω × Iω.
+    #[serde(default)]
+    pub gyroscopic_torque: GyroscopicTorqueName,
+    /// Angular-velocity measurements per second; default: `rate_hz`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub sample_rate_hz: Option<f64>,
+    /// λ (1/s).
+    pub gain_per_s: f64,
+    /// Γ_f (N·m).
+    pub adaptation_rate_n_m: SymmetricMatrix,
+    /// κ.
+    #[serde(default)]
+    pub kernel: KernelName,
+    /// ℓ (rad/s).
+    pub length_scale_rad_s: f64,
+    /// Lower corner of the lattice of centers (rad/s).
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub centers_lower_rad_s: Option<[f64; 3]>,
+    /// Upper corner of the lattice of centers (rad/s).
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub centers_upper_rad_s: Option<[f64; 3]>,
+    /// Centers along each axis of the lattice.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub centers_per_axis: Option<[usize; 3]>,
+    /// Centers one by one, instead of a lattice (rad/s).
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub centers_listed_rad_s: Option<Vec<[f64; 3]>>,
+    /// Added to the Gram matrix's diagonal, as a multiple of κ(0).
+    #[serde(default)]
+    pub nugget: f64,
+    /// Shape of σ.
+    #[serde(default)]
+    pub dead_zone: DeadZoneName,
+    /// d (rad/s).
+    pub dead_zone_width_rad_s: f64,
+    /// ε (rad/s).
+    pub dead_zone_buffer_rad_s: f64,
+    /// δ̄: bound on the norm of the measurement error (rad/s).
+    pub noise_bound_rad_s: f64,
+    /// L_q (1/s).
+    #[serde(default)]
+    pub attitude_fix_gain_per_s: f64,
+    /// How long an attitude fix keeps correcting (s).
+    #[serde(default = "defaults::fix_hold_s")]
+    pub attitude_fix_hold_s: f64,
+}
+
+mod defaults {
+    pub(super) fn stale_after_s() -> f64 {
+        0.5
+    }
+    pub(super) fn fix_hold_s() -> f64 {
+        0.25
+    }
+}
+
+/// A configuration with the text it came from, so that messages can name the line.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ConfigFile {
+    /// The values.
+    pub config: Config,
+    source: Source,
+}
+
+#[derive(Debug, Clone, PartialEq)]
+struct Source {
+    name: String,
+    text: String,
+}
+
+impl ConfigFile {
+    /// A built-in configuration.
+    ///
+    /// # Errors
+    /// An unknown name, with the known ones.
+    pub fn preset(name: &str) -> Result<Self, ConfigError> {
+        match PRESETS.iter().find(|(known, _)| *known == name) {
+            Some((_, text)) => Self::parse(format!("preset {name}"), (*text).into()),
+            None => Err(ConfigError {
+                place: "--preset".into(),
+                what: format!(
+                    "'{name}' is unknown; needed: one of {}",
+                    PRESETS.map(|(known, _)| known).join(", ")
+                ),
+            }),
+        }
+    }
+
+    /// Reads a file.
+    ///
+    /// # Errors
+    /// The file cannot be read; as [`ConfigFile::parse`].
+    pub fn read(path: &Path) -> Result<Self, ConfigError> {
+        let place = path.display().to_string();
+        match std::fs::read_to_string(path) {
+            Ok(text) => Self::parse(place, text),
+            Err(error) => {
+                let what = format!("cannot be read: {error}; print one to start from: daemon config > FILE");
+                Err(ConfigError { place, what })
+            }
+        }
+    }
+
+    /// Reads a text; `name` stands for it in messages.
+    ///
+    /// # Errors
+    /// No TOML, an unknown or missing key, a value of the wrong type: with its line.
+    pub fn parse(name: String, text: String) -> Result<Self, ConfigError> {
+        let source = Source { name, text };
+        match toml::from_str(&source.text) {
+            Ok(config) => Ok(Self { config, source }),
+            Err(error) => Err(ConfigError {
+                place: source.place(error.span().map(|span| span.start)),
+                what: with_suggestion(error.message()),
+            }),
+        }
+    }
+
+    /// Checks every value and builds the observer.
+    ///
+    /// # Errors
+    /// The key, its line, what was found and what would be accepted.
+    pub fn observer(&self) -> Result<RigidBodyObserver, ConfigError> {
+        self.check_service()?;
+        let config = &self.config;
+        let initial = self.initial_state()?;
+        let translation = config.translation.as_ref().map(|t| t.design(config.rate_hz)).transpose();
+        let translation = translation.map_err(|error| self.refuse("translation", &error))?;
+        let rotation = config.rotation.as_ref().map(|r| r.design(config.rate_hz)).transpose();
+        let rotation = rotation.map_err(|error| self.refuse("rotation", &error))?;
+        // One channel at a time, so that an error can name its table.
+        let wrong = match (&translation, &rotation) {
+            (Some(design), _) => RigidBodyObserver::new(Some(design.clone()), None, initial).err(),
+            _ => None,
+        };
+        if let Some(error) = wrong {
+            return Err(self.refuse("translation", &error));
+        }
+        RigidBodyObserver::new(translation, rotation, initial).map_err(|error| match error.parameter {
+            Parameter::Channels => ConfigError {
+                place: self.source.name.clone(),
+                what: "neither [translation] nor [rotation]; needed: at least one of these tables".into(),
+            },
+            _ => self.refuse("rotation", &error),
+        })
+    }
+
+    /// As [`ConfigFile::observer`], without learning: what the estimate would be if nothing were learned.
+    ///
+    /// # Errors
+    /// As [`ConfigFile::observer`].
+    pub fn observer_without_adaptation(&self) -> Result<RigidBodyObserver, ConfigError> {
+        let mut observer = self.observer()?;
+        observer.set_frozen(true);
+        Ok(observer)
+    }
+
+    /// Replaces the rate, as `--rate-hz` does.
+    pub fn set_rate_hz(&mut self, rate_hz: f64) {
+        self.config.rate_hz = rate_hz;
+    }
+
+    fn check_service(&self) -> Result<(), ConfigError> {
+        let config = &self.config;
+        let input = &config.input;
+        let positive = [
+            ("stale_after_s", config.stale_after_s),
+            ("input.max_speed_m_s", input.max_speed_m_s),
+            ("input.max_angular_rate_rad_s", input.max_angular_rate_rad_s),
+            ("input.max_position_m", input.max_position_m),
+            ("input.max_force_n", input.max_force_n),
+            ("input.max_torque_n_m", input.max_torque_n_m),
+            ("input.max_future_s", input.max_future_s),
+            ("input.max_age_s", input.max_age_s),
+            ("input.takeover_after_s", input.takeover_after_s),
+        ];
+        for (key, value) in positive {
+            if !(value.is_finite() && value > 0.0) {
+                return Err(self.wrong(key, &value.to_string(), "a finite number > 0"));
+            }
+        }
+        if !(1.0..=10_000.0).contains(&config.rate_hz) {
+            return Err(self.wrong("rate_hz", &config.rate_hz.to_string(), "1 … 10000 (in Hz)"));
+        }
+        if !(0.0..=1e6 / config.rate_hz).contains(&config.spin_us) {
+            let needed = format!("0 … {:.0}, the period of rate_hz (in µs)", 1e6 / config.rate_hz);
+            return Err(self.wrong("spin_us", &config.spin_us.to_string(), &needed));
+        }
+        let sample_rates = [
+            ("translation.sample_rate_hz", config.translation.as_ref().and_then(|t| t.sample_rate_hz)),
+            ("rotation.sample_rate_hz", config.rotation.as_ref().and_then(|r| r.sample_rate_hz)),
+        ];
+        for (key, rate) in sample_rates {
+            if let Some(rate) = rate.filter(|rate| !(0.01..=10_000.0).contains(rate)) {
+                return Err(self.wrong(key, &rate.to_string(), "0.01 … 10000 (in Hz)"));
+            }
+        }
+        Ok(())
+    }
+
+    fn initial_state(&self) -> Result<InitialState, ConfigError> {
+        let initial = &self.config.initial;
+        let vector = |key: &str, value: Option<[f64; 3]>| match value {
+            Some(v) if v.iter().any(|c| !c.is_finite()) => {
+                Err(self.wrong(&format!("initial.{key}"), &format!("{v:?}"), "finite numbers"))
+            }
+            value => Ok(value.map(Vector3::from)),
+        };
+        let attitude = match initial.attitude_wxyz {
+            None => None,
+            Some([w, x, y, z]) => {
+                let q = Quaternion::new(w, x, y, z);
+                if !(0.999..=1.001).contains(&q.norm()) {
+                    let found = format!("norm {}", q.norm());
+                    return Err(self.wrong("initial.attitude_wxyz", &found, "a unit quaternion w, x, y, z"));
+                }
+                Some(UnitQuaternion::from_quaternion(q))
+            }
+        };
+        Ok(InitialState {
+            position_m: vector("position_m", initial.position_m)?,
+            velocity_m_s: vector("velocity_m_s", initial.velocity_m_s)?,
+            attitude,
+            angular_velocity_rad_s: vector("angular_velocity_rad_s", initial.angular_velocity_rad_s)?,
+        })
+    }
+
+    fn refuse(&self, table: &str, error: &DesignError) -> ConfigError {
+        let key = format!("{table}.{}", key_of(table, error.parameter));
+        self.wrong(&key, &error.found, &error.needed)
+    }
+
+    fn wrong(&self, key: &str, found: &str, needed: &str) -> ConfigError {
+        ConfigError {
+            place: self.source.place(self.source.offset_of(key)),
+            what: format!("{key}: found {found}; needed: {needed}"),
+        }
+    }
+
+    /// The effective configuration, defaults included, as TOML with a comment on every key.
+    pub fn commented_toml(&self) -> String {
+        let text = toml::to_string(&self.config).expect("a configuration is a TOML document");
+        let mut commented = format!("# Effective configuration of {}.\n", self.source.name);
+        let mut table = String::new();
+        for line in text.lines() {
+            if let Some(name) = line.strip_prefix('[').and_then(|rest| rest.strip_suffix(']')) {
+                table = format!("{name}.");
+                commented += &comment(name);
+            } else if let Some((key, _)) = line.split_once(" = ") {
+                commented += &comment(&format!("{table}{key}"));
+            }
+            commented += line;
+            commented.push('\n');
+        }
+        commented
+    }
+}
+
+fn comment(key: &str) -> String {
+    match KEYS.iter().find(|(known, _)| *known == key) {
+        Some((_, text)) => format!("# {text}\n"),
+        None => String::new(),
+    }
+}
+
+impl Source {
+    fn place(&self, offset: Option<usize>) -> String {
+        match offset {
+            Some(offset) => {
+                let line = self.text[..offset.min(self.text.len())].matches('\n').count() + 1;
+                format!("{}, line {line}", self.name)
+            }
+            None => self.name.clone(),
+        }
+    }
+
+    /// Where `table.key` stands; where it does not, its table.
+    fn offset_of(&self, key: &str) -> Option<usize> {
+        let document = toml::de::DeTable::parse(&self.text).ok()?;
+        let (table, name) = key.split_once('.').map_or((key, None), |(table, name)| (table, Some(name)));
+        let (at, value) = document.get_ref().get_key_value(table)?;
+        let inside = name.and_then(|name| value.get_ref().as_table()?.get_key_value(name));
+        Some(inside.map_or(at, |(at, _)| at).span().start)
+    }
+}
+
+/// Adds the most similar accepted key to a message about an unknown one.
+fn with_suggestion(message: &str) -> String {
+    let names: Vec<&str> = message.split('`').skip(1).step_by(2).collect();
+    match names.split_first() {
+        Some((unknown, accepted)) if message.starts_with("unknown field") => {
+            let similar = accepted
+                .iter()
+                .max_by(|a, b| strsim::jaro_winkler(unknown, a).total_cmp(&strsim::jaro_winkler(unknown, b)));
+            let similar = similar.filter(|name| strsim::jaro_winkler(unknown, name) > 0.8);
+            let hint = similar.map(|name| format!("; did you mean `{name}`? (a name ends in its unit)"));
+            message.to_owned() + &hint.unwrap_or_default()
+        }
+        Some((missing, _)) if message.starts_with("missing field") => {
+            let note = KEYS.iter().find(|(key, _)| key.rsplit('.').next() == Some(missing));
+            message.to_owned() + &note.map(|(_, text)| format!(": {text}")).unwrap_or_default()
+        }
+        _ => message.into(),
+    }
+}
+
+struct CentersKeys<'a> {
+    lower: Option<[f64; 3]>,
+    upper: Option<[f64; 3]>,
+    per_axis: Option<[usize; 3]>,
+    listed: Option<&'a Vec<[f64; 3]>>,
+}
+
+impl CentersKeys<'_> {
+    fn centers(&self) -> Result<Centers, DesignError> {
+        match (self.lower, self.upper, self.per_axis, self.listed) {
+            (Some(lower), Some(upper), Some(per_axis), None) => Centers::lattice(lower, upper, per_axis),
+            (None, None, None, Some(listed)) => Centers::listed(listed.clone()),
+            (lower, upper, per_axis, listed) => {
+                let given = [lower.is_some(), upper.is_some(), per_axis.is_some(), listed.is_some()];
+                let words = ["a lower corner", "an upper corner", "a number per axis", "a list"];
+                let found: Vec<_> =
+                    words.iter().zip(given).filter(|(_, given)| *given).map(|(word, _)| *word).collect();
+                Err(DesignError {
+                    parameter: Parameter::Centers,
+                    found: if found.is_empty() { "none".into() } else { found.join(" and ") },
+                    needed:
+                        "either centers_lower_…, centers_upper_… and centers_per_axis, or centers_listed_…"
+                            .into(),
+                })
+            }
+        }
+    }
+}
+
+fn dead_zone(name: DeadZoneName, width: f64, buffer: f64) -> Result<DeadZone, DesignError> {
+    let shape = match name {
+        DeadZoneName::Saturated => DeadZoneShape::Saturated,
+        DeadZoneName::Quadratic => DeadZoneShape::Quadratic,
+    };
+    DeadZone::new(shape, width, buffer)
+}
+
+impl TranslationConfig {
+    fn design(&self, rate_hz: f64) -> Result<TranslationDesign, DesignError> {
+        let centers = CentersKeys {
+            lower: self.centers_lower_m_s,
+            upper: self.centers_upper_m_s,
+            per_axis: self.centers_per_axis,
+            listed: self.centers_listed_m_s.as_ref(),
+        };
+        let force = self.mass_kg * Vector3::from(self.gravity_m_s2) + Vector3::from(self.known_force_n);
+        if force.iter().any(|f| !f.is_finite()) {
+            let found = format!("{:?} N with gravity", force.as_slice());
+            return Err(DesignError {
+                parameter: Parameter::Inertia,
+                found,
+                needed: "finite numbers".into(),
+            });
+        }
+        Ok(TranslationDesign {
+            channel: ChannelDesign {
+                kernel: self.kernel.kernel(),
+                length_scale: self.length_scale_m_s,
+                centers: centers.centers()?,
+                nugget: self.nugget,
+                inertia: Matrix3::identity() * self.mass_kg,
+                gain_per_s: self.gain_per_s,
+                adaptation_rate: self.adaptation_rate_kg_s2.matrix(),
+                dead_zone: dead_zone(self.dead_zone, self.dead_zone_width_m_s, self.dead_zone_buffer_m_s)?,
+                noise_bound: self.noise_bound_m_s,
+                hold_s: HOLD_PERIODS / self.sample_rate_hz.unwrap_or(rate_hz),
+                coast_step_s: rate_hz.recip(),
+            },
+            known_force_n: force,
+            velocity_error_to_position: self.velocity_error_to_position,
+            position_fix_gain_per_s: self.position_fix_gain_per_s,
+            position_fix_hold_s: self.position_fix_hold_s,
+        })
+    }
+}
+
+impl RotationConfig {
+    fn design(&self, rate_hz: f64) -> Result<RotationDesign, DesignError> {
+        let centers = CentersKeys {
+            lower: self.centers_lower_rad_s,
+            upper: self.centers_upper_rad_s,
+            per_axis: self.centers_per_axis,
+            listed: self.centers_listed_rad_s.as_ref(),
+        };
+        Ok(RotationDesign {
+            channel: ChannelDesign {
+                kernel: self.kernel.kernel(),
+                length_scale: self.length_scale_rad_s,
+                centers: centers.centers()?,
+                nugget: self.nugget,
+                inertia: self.inertia_kg_m2.matrix(),
+                gain_per_s: self.gain_per_s,
+                adaptation_rate: self.adaptation_rate_n_m.matrix(),
+                dead_zone: dead_zone(
+                    self.dead_zone,
+                    self.dead_zone_width_rad_s,
+                    self.dead_zone_buffer_rad_s,
+                )?,
+                noise_bound: self.noise_bound_rad_s,
+                hold_s: HOLD_PERIODS / self.sample_rate_hz.unwrap_or(rate_hz),
+                coast_step_s: rate_hz.recip(),
+            },
+            gyroscopic_torque: match self.gyroscopic_torque {
+                GyroscopicTorqueName::Learned => GyroscopicTorque::Learned,
+                GyroscopicTorqueName::Feedforward => GyroscopicTorque::Feedforward,
+            },
+            attitude_fix_gain_per_s: self.attitude_fix_gain_per_s,
+            attitude_fix_hold_s: self.attitude_fix_hold_s,
+        })
+    }
+}
+
+/// The key that sets a parameter of the design.
+fn key_of(table: &str, parameter: Parameter) -> &'static str {
+    let translation = table == "translation";
+    let pick = |of_translation, of_rotation| if translation { of_translation } else { of_rotation };
+    match parameter {
+        Parameter::LengthScale => pick("length_scale_m_s", "length_scale_rad_s"),
+        Parameter::Nugget => "nugget",
+        Parameter::Centers => pick("centers_lower_m_s", "centers_lower_rad_s"),
+        Parameter::Gain => "gain_per_s",
+        Parameter::AdaptationRate => pick("adaptation_rate_kg_s2", "adaptation_rate_n_m"),
+        Parameter::Inertia => pick("mass_kg", "inertia_kg_m2"),
+        Parameter::DeadZoneWidth => pick("dead_zone_width_m_s", "dead_zone_width_rad_s"),
+        Parameter::DeadZoneBuffer => pick("dead_zone_buffer_m_s", "dead_zone_buffer_rad_s"),
+        Parameter::NoiseBound => pick("noise_bound_m_s", "noise_bound_rad_s"),
+        Parameter::Hold | Parameter::CoastStep => "sample_rate_hz",
+        Parameter::Fix => pick("position_fix_gain_per_s", "attitude_fix_gain_per_s"),
+        Parameter::Channels => "",
+    }
+}
+
+/// What every key means, for `daemon config` and for messages.
+const KEYS: &[(&str, &str)] = &[
+    ("rate_hz", "Ticks per second; each publishes one estimate."),
+    ("trigger", "When to step: \"timer\" at rate_hz, or \"sample\" as soon as one arrives (polls one core)."),
+    (
+        "clock",
+        "Time of the estimate: \"monotonic\" (now), or \"samples\" (stamp of the newest sample; replay at another speed).",
+    ),
+    (
+        "spin_us",
+        "The last microseconds of every wait are spent polling the clock: less lateness for more of a core.",
+    ),
+    ("stale_after_s", "Without a sample for this long, the estimate's status says stale."),
+    (
+        "initial",
+        "The state before the first sample; what is missing is taken from the first measurement of it.",
+    ),
+    ("initial.position_m", "Position, inertial."),
+    ("initial.velocity_m_s", "Velocity, inertial."),
+    ("initial.attitude_wxyz", "Attitude, unit quaternion, body to inertial."),
+    ("initial.angular_velocity_rad_s", "Angular velocity, body axes."),
+    ("input", "Which samples are believed, and from which source."),
+    ("input.max_speed_m_s", "A faster measured velocity is rejected; a faster estimate is reset."),
+    ("input.max_angular_rate_rad_s", "A faster measured rotation is rejected; a faster estimate is reset."),
+    ("input.max_position_m", "A position further from the origin is rejected; such an estimate is reset."),
+    ("input.max_force_n", "A larger commanded force is rejected."),
+    ("input.max_torque_n_m", "A larger commanded torque is rejected."),
+    ("input.max_future_s", "A stamp further ahead of the clock is rejected."),
+    ("input.max_age_s", "A stamp further behind the clock is rejected."),
+    (
+        "input.source",
+        "Where several publish: \"first\" keeps the one in use, \"newest\" takes the one that appeared last.",
+    ),
+    ("input.takeover_after_s", "A source silent for this long may be replaced by another one."),
+    ("translation", "Position, velocity and unknown force from measured velocity."),
+    ("translation.mass_kg", "Nominal mass; under water with the added mass."),
+    (
+        "translation.gravity_m_s2",
+        "Gravity along the inertial axes where the commanded force carries the weight; [0, 0, 9.81] with axes north-east-down.",
+    ),
+    ("translation.known_force_n", "Another known constant force along the inertial axes, buoyancy say."),
+    (
+        "translation.sample_rate_hz",
+        "Velocity measurements per second (default rate_hz); each is held for 1.5 periods, then the channel coasts.",
+    ),
+    ("translation.gain_per_s", "Observer gain λ: how fast the velocity estimate follows the measurement."),
+    (
+        "translation.adaptation_rate_kg_s2",
+        "Adaptation rate Γ_f: a number, three numbers (diagonal) or 3 × 3.",
+    ),
+    ("translation.kernel", "\"sobolev-matern-2\", -3 or -4: the higher, the smoother the learned force."),
+    (
+        "translation.length_scale_m_s",
+        "Length scale ℓ of the kernel: speeds this far apart share what is learned.",
+    ),
+    ("translation.centers_lower_m_s", "Lower corner of the lattice of kernel centers, in velocity."),
+    ("translation.centers_upper_m_s", "Upper corner of the lattice of kernel centers, in velocity."),
+    ("translation.centers_per_axis", "Centers along each axis of the lattice."),
+    ("translation.centers_listed_m_s", "Centers one by one, instead of a lattice."),
+    (
+        "translation.nugget",
+        "Added to the Gram matrix's diagonal as a multiple of κ(0); 0 is the paper's law.",
+    ),
+    (
+        "translation.dead_zone",
+        "Shape of the dead zone σ: \"saturated\" or \"quadratic\" (the paper's, corrected).",
+    ),
+    ("translation.dead_zone_width_m_s", "Dead zone d: output errors up to this are taken for noise."),
+    ("translation.dead_zone_buffer_m_s", "Buffer ε over which the dead zone opens."),
+    ("translation.noise_bound_m_s", "Bound δ̄ on the norm of the velocity measurement's error."),
+    (
+        "translation.velocity_error_to_position",
+        "Gain L_r of the velocity error into the position; 0 is dead reckoning.",
+    ),
+    ("translation.position_fix_gain_per_s", "Gain L_p of position fixes; 0 uses only the first one."),
+    ("translation.position_fix_hold_s", "How long a position fix keeps correcting."),
+    ("rotation", "Attitude, angular velocity and unknown torque from measured angular velocity."),
+    ("rotation.inertia_kg_m2", "Nominal inertia: a number, three numbers (diagonal) or 3 × 3."),
+    (
+        "rotation.gyroscopic_torque",
+        "−ω × Iω: \"learned\" with the rest (the paper), or \"feedforward\" from the estimate.",
+    ),
+    (
+        "rotation.sample_rate_hz",
+        "Angular-velocity measurements per second (default rate_hz); each is held for 1.5 periods, then the channel coasts.",
+    ),
+    (
+        "rotation.gain_per_s",
+        "Observer gain λ: how fast the angular-velocity estimate follows the measurement.",
+    ),
+    ("rotation.adaptation_rate_n_m", "Adaptation rate Γ_f: a number, three numbers (diagonal) or 3 × 3."),
+    ("rotation.kernel", "\"sobolev-matern-2\", -3 or -4: the higher, the smoother the learned torque."),
+    (
+        "rotation.length_scale_rad_s",
+        "Length scale ℓ of the kernel: rates this far apart share what is learned.",
+    ),
+    ("rotation.centers_lower_rad_s", "Lower corner of the lattice of kernel centers, in angular velocity."),
+    ("rotation.centers_upper_rad_s", "Upper corner of the lattice of kernel centers, in angular velocity."),
+    ("rotation.centers_per_axis", "Centers along each axis of the lattice."),
+    ("rotation.centers_listed_rad_s", "Centers one by one, instead of a lattice."),
+    ("rotation.nugget", "Added to the Gram matrix's diagonal as a multiple of κ(0); 0 is the paper's law."),
+    (
+        "rotation.dead_zone",
+        "Shape of the dead zone σ: \"saturated\" or \"quadratic\" (the paper's, corrected).",
+    ),
+    ("rotation.dead_zone_width_rad_s", "Dead zone d: output errors up to this are taken for noise."),
+    ("rotation.dead_zone_buffer_rad_s", "Buffer ε over which the dead zone opens."),
+    ("rotation.noise_bound_rad_s", "Bound δ̄ on the norm of the angular-velocity measurement's error."),
+    ("rotation.attitude_fix_gain_per_s", "Gain L_q of attitude fixes; 0 uses only the first one."),
+    ("rotation.attitude_fix_hold_s", "How long an attitude fix keeps correcting."),
+];

@@ -1,0 +1,344 @@
+//! The tick: wake up, take every queued sample, step to its stamp, propagate, publish; then the slack.
+//!
+//! [`Cycle::serve`] is all that happens between wake-up and publication: no allocation, no system call, no
+//! lock, no log line. [`Cycle::rest`] does what can wait until after publication. [`Cycle::run`] keeps the
+//! deadlines: absolute, on CLOCK_MONOTONIC; a late tick is counted and skipped over, never made up.
+
+use crate::config::{Clock, Config, InputConfig, Trigger};
+use crate::gate::{Accepted, Gate};
+use crate::ports::LoopPorts;
+use observer::{ChannelReport, RigidBodyEstimate, RigidBodyObserver};
+use shared_types::clock::{monotonic_ns, sleep_until_ns};
+use shared_types::payload::{Channel, Estimate, Status, status_bits};
+use std::sync::atomic::{AtomicBool, Ordering};
+
+/// One tick takes at most this many samples: a flood cannot hold the loop.
+const MOST_SAMPLES_PER_TICK: usize = 256;
+/// A good copy of state and weights is kept this often (s).
+const GOOD_COPY_EVERY_S: f64 = 0.5;
+/// Late readers are let in this often (s).
+const CONNECT_EVERY_S: f64 = 0.1;
+
+/// What the loop counts since it started.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct Counters {
+    /// See [`Status`]; the fields of the same name.
+    pub ticks: u64,
+    /// Deadlines that passed unserved.
+    pub deadline_misses: u64,
+    /// Samples used.
+    pub samples_accepted: u64,
+    /// Samples that never arrived.
+    pub samples_lost: u64,
+    /// Samples rejected, by reason.
+    pub samples_rejected: [u64; 10],
+    /// Ticks on which a channel coasted.
+    pub ticks_coasting: u64,
+    /// Ticks on which σ was clamped.
+    pub ticks_clamped: u64,
+    /// Resets to the last good copy.
+    pub state_resets: u64,
+    /// Restarts and replacements of the source.
+    pub source_changes: u64,
+    /// Commands carried out.
+    pub commands: u64,
+    /// Tick records that found the ring full.
+    pub records_dropped: u64,
+}
+
+/// What one tick tells the attendant thread.
+#[derive(Debug, Clone, Copy)]
+pub struct TickRecord {
+    /// Deadline to wake-up (ns); `None` where a sample and not a deadline woke the loop.
+    pub wake_up_lateness_ns: Option<u64>,
+    /// Wake-up to publication (ns).
+    pub step_ns: u64,
+    /// Newest sample's stamp to wake-up (ns), on ticks with a new sample.
+    pub input_age_ns: Option<u64>,
+    /// Newest sample's stamp to publication (ns), on ticks with a new sample.
+    pub source_to_publish_ns: Option<u64>,
+    /// Counts after this tick.
+    pub counters: Counters,
+    /// Sequence of the newest accepted sample.
+    pub newest_sequence: u64,
+    /// Stamp of the newest accepted sample (ns).
+    pub newest_stamp_ns: Option<u64>,
+    /// The source in use.
+    pub source: Option<u128>,
+    /// Another source whose samples are refused.
+    pub other_source: Option<u128>,
+    /// Whether an operator froze adaptation.
+    pub frozen: bool,
+}
+
+/// What an operator asks of the loop.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum LoopCommand {
+    /// Forget state and weights.
+    Reset,
+    /// Stop learning.
+    Freeze,
+    /// Learn again.
+    Thaw,
+}
+
+/// The wait-free rings between the loop and the attendant thread.
+pub struct LoopRings {
+    /// To the attendant.
+    pub records: rtrb::Producer<TickRecord>,
+    /// From the attendant.
+    pub commands: rtrb::Consumer<LoopCommand>,
+    /// From the attendant, for the blackboard.
+    pub statuses: rtrb::Consumer<Status>,
+}
+
+/// The loop's state.
+pub struct Cycle {
+    ports: LoopPorts,
+    observer: RigidBodyObserver,
+    gate: Gate,
+    rings: LoopRings,
+    limits: InputConfig,
+    clock: Clock,
+    stale_after_ns: u64,
+    good_copy_every: u64,
+    connect_every: u64,
+    counters: Counters,
+    frozen: bool,
+    record: Option<TickRecord>,
+}
+
+/// A tick of the timer: when it was due, and when the loop woke.
+#[derive(Debug, Clone, Copy)]
+pub struct WakeUp {
+    /// When the loop woke (ns).
+    pub wake_ns: u64,
+    /// When it should have (ns); `None` where a sample woke it.
+    pub deadline_ns: Option<u64>,
+}
+
+impl Cycle {
+    /// A cycle that has seen nothing.
+    pub fn new(config: &Config, observer: RigidBodyObserver, ports: LoopPorts, rings: LoopRings) -> Self {
+        let ticks = |every_s: f64| ((every_s * config.rate_hz) as u64).max(1);
+        Self {
+            ports,
+            observer,
+            gate: Gate::new(config.input, config.clock == Clock::Monotonic),
+            rings,
+            limits: config.input,
+            clock: config.clock,
+            stale_after_ns: (config.stale_after_s * 1e9) as u64,
+            good_copy_every: ticks(GOOD_COPY_EVERY_S),
+            connect_every: ticks(CONNECT_EVERY_S),
+            counters: Counters::default(),
+            frozen: false,
+            record: None,
+        }
+    }
+
+    /// Ticks until `stop`.
+    pub fn run(&mut self, config: &Config, stop: &AtomicBool) {
+        let period_ns = (1e9 / config.rate_hz) as u64;
+        let spin_ns = (config.spin_us * 1e3) as u64;
+        let mut deadline_ns = monotonic_ns() + period_ns;
+        while !stop.load(Ordering::Relaxed) {
+            let wake_up = match config.trigger {
+                Trigger::Timer => wait_for_deadline(deadline_ns, spin_ns),
+                Trigger::Sample => self.wait_for_sample(deadline_ns, stop),
+            };
+            self.serve(wake_up);
+            self.rest();
+            let now_ns = monotonic_ns();
+            deadline_ns = match config.trigger {
+                Trigger::Timer => deadline_ns + period_ns,
+                Trigger::Sample => now_ns + period_ns,
+            };
+            if deadline_ns < now_ns {
+                let missed = (now_ns - deadline_ns) / period_ns + 1;
+                self.counters.deadline_misses += missed;
+                deadline_ns += missed * period_ns;
+            }
+        }
+    }
+
+    fn wait_for_sample(&self, deadline_ns: u64, stop: &AtomicBool) -> WakeUp {
+        loop {
+            let now_ns = monotonic_ns();
+            if now_ns >= deadline_ns || stop.load(Ordering::Relaxed) {
+                return WakeUp { wake_ns: now_ns, deadline_ns: Some(deadline_ns) };
+            }
+            if self.ports.has_measurement() {
+                return WakeUp { wake_ns: now_ns, deadline_ns: None };
+            }
+            std::hint::spin_loop();
+        }
+    }
+
+    /// Everything between wake-up and publication.
+    pub fn serve(&mut self, wake_up: WakeUp) {
+        let wake_ns = wake_up.wake_ns;
+        let mut status = 0;
+        let mut new_sample = false;
+        for _ in 0..MOST_SAMPLES_PER_TICK {
+            let Some((measurement, source)) = self.ports.take() else { break };
+            match self.gate.judge(&measurement, source, wake_ns) {
+                Ok(Accepted { sample, lost, new_source }) => {
+                    self.observer.accept(&sample);
+                    self.counters.samples_accepted += 1;
+                    self.counters.samples_lost += lost;
+                    self.counters.source_changes += u64::from(new_source);
+                    new_sample = true;
+                }
+                Err(reason) => {
+                    self.counters.samples_rejected[reason as usize] += 1;
+                    status |= status_bits::REJECTED_SAMPLE;
+                }
+            }
+        }
+        let source_stamp_ns = self.gate.newest_stamp_ns();
+        let stamp_ns = match self.clock {
+            Clock::Monotonic => wake_ns.max(source_stamp_ns.unwrap_or(0)),
+            Clock::Samples => source_stamp_ns.unwrap_or(wake_ns),
+        };
+        let mut state = self.observer.estimate(stamp_ns);
+        if !within_limits(&state, &self.limits) {
+            self.observer.restore_good_copy(stamp_ns);
+            state = self.observer.estimate(stamp_ns);
+            self.counters.state_resets += 1;
+            status |= status_bits::DIVERGED;
+        }
+        let age_ns = source_stamp_ns.map(|source_stamp_ns| wake_ns.saturating_sub(source_stamp_ns));
+        status |= self.status_of(&state, age_ns);
+        let mut estimate = to_payload(&state);
+        estimate.sequence = self.counters.ticks;
+        estimate.source_sequence = self.gate.newest_sequence().unwrap_or(0);
+        estimate.source_stamp_ns = source_stamp_ns.unwrap_or(0);
+        estimate.status = status;
+        let publish_ns = monotonic_ns();
+        estimate.publish_stamp_ns = publish_ns;
+        self.ports.publish(&estimate);
+
+        self.counters.ticks += 1;
+        self.counters.ticks_coasting += u64::from(status & status_bits::COASTING != 0);
+        self.counters.ticks_clamped += u64::from(status & status_bits::CLAMPED != 0);
+        let if_new = |value: Option<u64>| if new_sample { value } else { None };
+        self.record = Some(TickRecord {
+            wake_up_lateness_ns: wake_up.deadline_ns.map(|deadline_ns| wake_ns.saturating_sub(deadline_ns)),
+            step_ns: publish_ns - wake_ns,
+            input_age_ns: if_new(age_ns),
+            source_to_publish_ns: if_new(source_stamp_ns.map(|stamp_ns| publish_ns.saturating_sub(stamp_ns))),
+            counters: self.counters,
+            newest_sequence: self.gate.newest_sequence().unwrap_or(0),
+            newest_stamp_ns: source_stamp_ns,
+            source: self.gate.source(),
+            other_source: self.gate.other_source(),
+            frozen: self.frozen,
+        });
+    }
+
+    fn status_of(&self, state: &RigidBodyEstimate, age_ns: Option<u64>) -> u64 {
+        let any = |test: fn(&ChannelReport) -> bool| {
+            state.translation.as_ref().is_some_and(test) || state.rotation.as_ref().is_some_and(test)
+        };
+        let coasting = |channel: &Option<ChannelReport>| channel.is_some_and(|channel| channel.coasting);
+        let bit = |set: bool, bit: u64| if set { bit } else { 0 };
+        bit(!any(|channel| channel.coasting), status_bits::TRACKING)
+            | bit(coasting(&state.translation), status_bits::COASTING_TRANSLATION)
+            | bit(coasting(&state.rotation), status_bits::COASTING_ROTATION)
+            | bit(age_ns.is_none_or(|age_ns| age_ns > self.stale_after_ns), status_bits::STALE)
+            | bit(age_ns.is_none(), status_bits::WAITING)
+            | bit(any(|channel| channel.activation > 0.0), status_bits::ADAPTING)
+            | bit(any(|channel| channel.clamped), status_bits::CLAMPED)
+            | bit(any(|channel| channel.outside_centers), status_bits::OUTSIDE_CENTERS)
+            | bit(self.frozen, status_bits::FROZEN)
+    }
+
+    /// What can wait until after publication.
+    pub fn rest(&mut self) {
+        self.ports.prepare();
+        while let Ok(command) = self.rings.commands.pop() {
+            match command {
+                LoopCommand::Reset => {
+                    self.observer.reset();
+                    self.observer.keep_good_copy();
+                }
+                LoopCommand::Freeze => self.frozen = true,
+                LoopCommand::Thaw => self.frozen = false,
+            }
+            self.observer.set_frozen(self.frozen);
+            self.counters.commands += 1;
+        }
+        if let Some(mut record) = self.record.take() {
+            record.counters = self.counters;
+            record.frozen = self.frozen;
+            if self.rings.records.push(record).is_err() {
+                self.counters.records_dropped += 1;
+            }
+        }
+        while let Ok(status) = self.rings.statuses.pop() {
+            self.ports.publish_status(&status);
+        }
+        // What is published was checked to be within limits: this is a good moment.
+        if self.counters.ticks.is_multiple_of(self.good_copy_every) {
+            self.observer.keep_good_copy();
+        }
+        if self.counters.ticks.is_multiple_of(self.connect_every) {
+            self.ports.update_connections();
+        }
+    }
+}
+
+/// Sleeps to shortly before the deadline and polls the clock for the rest.
+fn wait_for_deadline(deadline_ns: u64, spin_ns: u64) -> WakeUp {
+    let sleep_end_ns = deadline_ns.saturating_sub(spin_ns);
+    loop {
+        let now_ns = monotonic_ns();
+        if now_ns >= deadline_ns {
+            return WakeUp { wake_ns: now_ns, deadline_ns: Some(deadline_ns) };
+        }
+        if now_ns < sleep_end_ns {
+            sleep_until_ns(sleep_end_ns);
+        } else {
+            std::hint::spin_loop();
+        }
+    }
+}
+
+fn within_limits(state: &RigidBodyEstimate, limits: &InputConfig) -> bool {
+    // A comparison with NaN is false, so what is not finite is not within.
+    state.velocity_m_s.norm() <= limits.max_speed_m_s
+        && state.angular_velocity_rad_s.norm() <= limits.max_angular_rate_rad_s
+        && state.position_m.norm() <= limits.max_position_m
+        && state.attitude.coords.norm().is_finite()
+        && state.matched_force_n.norm() <= limits.max_force_n
+        && state.matched_torque_n_m.norm() <= limits.max_torque_n_m
+}
+
+/// The published form of an estimate; sequences, source, status and publication time are the loop's.
+pub fn to_payload(state: &RigidBodyEstimate) -> Estimate {
+    let channel = |report: &Option<ChannelReport>| {
+        report.as_ref().map_or(Channel::default(), |report| Channel {
+            output_error: report.output_error,
+            activation: report.activation,
+            power_function: report.power_function,
+            native_norm: report.native_norm,
+            error_bound: report.error_bound,
+            output_age_s: report.output_age_s,
+        })
+    };
+    let q = state.attitude.coords;
+    Estimate {
+        stamp_ns: state.stamp_ns,
+        position_m: state.position_m.into(),
+        velocity_m_s: state.velocity_m_s.into(),
+        attitude_wxyz: [q.w, q.x, q.y, q.z],
+        euler_rad: state.euler_rad(),
+        angular_velocity_rad_s: state.angular_velocity_rad_s.into(),
+        matched_force_n: state.matched_force_n.into(),
+        matched_torque_n_m: state.matched_torque_n_m.into(),
+        translation: channel(&state.translation),
+        rotation: channel(&state.rotation),
+        ..Estimate::default()
+    }
+}

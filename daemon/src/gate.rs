@@ -1,0 +1,311 @@
+//! The input gate: which samples are believed. A bad one is rejected, counted and named; the last good
+//! state is kept.
+
+use crate::config::{InputConfig, SourcePolicy};
+use nalgebra::{Quaternion, UnitQuaternion, Vector3};
+use observer::{Sample, Velocity};
+use shared_types::Measurement;
+use shared_types::payload::{Rejection, frame, valid};
+
+/// A unit quaternion's norm may be off by this much: single precision and a little more.
+const QUATERNION_NORM_TOLERANCE: f64 = 1e-3;
+
+/// A sample to be used.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Accepted {
+    /// For the observer.
+    pub sample: Sample,
+    /// Size of the gap in the source's sequence before it: samples that never arrived.
+    pub lost: u64,
+    /// Whether it comes from another source than the one before, or from the same one started again.
+    pub new_source: bool,
+}
+
+/// The source in use and its newest accepted sample.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Newest {
+    source: u128,
+    sequence: u64,
+    stamp_ns: u64,
+}
+
+/// Believes samples of one source at a time, in the order of their stamps, within physical limits.
+#[derive(Debug, Clone)]
+pub struct Gate {
+    limits: InputConfig,
+    /// Whether stamps are compared with the clock.
+    check_clock: bool,
+    newest: Option<Newest>,
+    other_source: Option<u128>,
+}
+
+impl Gate {
+    /// A gate that has seen nothing. `check_clock` is false where the samples are the clock.
+    pub fn new(limits: InputConfig, check_clock: bool) -> Self {
+        Self { limits, check_clock, newest: None, other_source: None }
+    }
+
+    /// Judges a sample of `source` that was taken from the queue at `now_ns`.
+    ///
+    /// # Errors
+    /// Why the sample is not to be used.
+    pub fn judge(
+        &mut self,
+        measurement: &Measurement,
+        source: u128,
+        now_ns: u64,
+    ) -> Result<Accepted, Rejection> {
+        let accepted = self.check(measurement, source, now_ns)?;
+        let Measurement { sequence, stamp_ns, .. } = *measurement;
+        self.newest = Some(Newest { source, sequence, stamp_ns });
+        Ok(accepted)
+    }
+
+    /// The source in use.
+    pub fn source(&self) -> Option<u128> {
+        self.newest.map(|newest| newest.source)
+    }
+
+    /// Another source whose samples were refused.
+    pub fn other_source(&self) -> Option<u128> {
+        self.other_source
+    }
+
+    /// Stamp of the newest accepted sample (ns).
+    pub fn newest_stamp_ns(&self) -> Option<u64> {
+        self.newest.map(|newest| newest.stamp_ns)
+    }
+
+    /// Sequence of the newest accepted sample.
+    pub fn newest_sequence(&self) -> Option<u64> {
+        self.newest.map(|newest| newest.sequence)
+    }
+
+    fn check(&mut self, m: &Measurement, source: u128, now_ns: u64) -> Result<Accepted, Rejection> {
+        let sample = self.check_values(m)?;
+        let first_of_source = Accepted { sample, lost: 0, new_source: true };
+        if self.check_clock {
+            if m.stamp_ns > now_ns.saturating_add(nanoseconds(self.limits.max_future_s)) {
+                return Err(Rejection::FarFuture);
+            }
+            if m.stamp_ns.saturating_add(nanoseconds(self.limits.max_age_s)) < now_ns {
+                return Err(Rejection::TooOld);
+            }
+        }
+        let Some(newest) = self.newest else { return Ok(first_of_source) };
+        if source != newest.source {
+            let silent_ns = m.stamp_ns.saturating_sub(newest.stamp_ns);
+            let may_take_over = match self.limits.source {
+                SourcePolicy::First => silent_ns >= nanoseconds(self.limits.takeover_after_s),
+                SourcePolicy::Newest => self.other_source != Some(source),
+            };
+            if !may_take_over {
+                self.other_source = Some(source);
+                return Err(Rejection::OtherSource);
+            }
+        }
+        match m.stamp_ns {
+            stamp if stamp == newest.stamp_ns => return Err(Rejection::RepeatedStamp),
+            stamp if stamp < newest.stamp_ns => return Err(Rejection::OlderStamp),
+            _ => {}
+        }
+        if source != newest.source {
+            // Under `newest`, the one that was replaced must not take the stream back.
+            self.other_source = Some(newest.source);
+            return Ok(first_of_source);
+        }
+        match m.sequence {
+            0 if newest.sequence > 0 => Ok(first_of_source),
+            sequence if sequence > newest.sequence => {
+                Ok(Accepted { sample, lost: sequence - newest.sequence - 1, new_source: false })
+            }
+
+            _ => Err(Rejection::SequenceBackwards),
+        }
+    }
+
+    fn check_values(&self, m: &Measurement) -> Result<Sample, Rejection> {
+        let limits = &self.limits;
+        if m.valid & valid::ALL == 0 || m.valid & !valid::ALL != 0 {
+            return Err(Rejection::Malformed);
+        }
+        let vector = |bit: u32, value: &[f64; 3], limit: f64| -> Result<Option<Vector3<f64>>, Rejection> {
+            if !m.has(bit) {
+                return Ok(None);
+            }
+            let value = Vector3::from(*value);
+            if !value.iter().all(|c| c.is_finite()) {
+                return Err(Rejection::NotFinite);
+            }
+            if value.norm() > limit {
+                return Err(Rejection::BeyondLimits);
+            }
+            Ok(Some(value))
+        };
+        let velocity = vector(valid::VELOCITY, &m.velocity_m_s, limits.max_speed_m_s)?;
+        let velocity = match (velocity, m.velocity_frame) {
+            (None, _) => None,
+            (Some(velocity), frame::INERTIAL) => Some(Velocity::Inertial(velocity)),
+            (Some(velocity), frame::BODY) => Some(Velocity::Body(velocity)),
+            _ => return Err(Rejection::Malformed),
+        };
+        let attitude = match m.has(valid::ATTITUDE) {
+            false => None,
+            true => {
+                let [w, x, y, z] = m.attitude_wxyz;
+                let q = Quaternion::new(w, x, y, z);
+                if !m.attitude_wxyz.iter().all(|c| c.is_finite()) {
+                    return Err(Rejection::NotFinite);
+                }
+                if (q.norm() - 1.0).abs() > QUATERNION_NORM_TOLERANCE {
+                    return Err(Rejection::QuaternionNorm);
+                }
+                Some(UnitQuaternion::from_quaternion(q))
+            }
+        };
+        Ok(Sample {
+            stamp_ns: m.stamp_ns,
+            velocity,
+            angular_velocity_rad_s: vector(
+                valid::ANGULAR_VELOCITY,
+                &m.angular_velocity_rad_s,
+                limits.max_angular_rate_rad_s,
+            )?,
+            position_m: vector(valid::POSITION, &m.position_m, limits.max_position_m)?,
+            attitude,
+            force_n: vector(valid::FORCE, &m.force_n, limits.max_force_n)?,
+            torque_n_m: vector(valid::TORQUE, &m.torque_n_m, limits.max_torque_n_m)?,
+        })
+    }
+}
+
+fn nanoseconds(duration_s: f64) -> u64 {
+    (duration_s * 1e9) as u64
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const NOW_NS: u64 = 1_000_000_000_000;
+    const PERIOD_NS: u64 = 5_000_000;
+
+    fn gate(source: SourcePolicy) -> Gate {
+        Gate::new(InputConfig { source, ..InputConfig::default() }, true)
+    }
+
+    fn sample(sequence: u64) -> Measurement {
+        Measurement::at(NOW_NS + sequence * PERIOD_NS, sequence).with_velocity_m_s([1.0, 2.0, 3.0])
+    }
+
+    fn judge(gate: &mut Gate, measurement: &Measurement) -> Result<Accepted, Rejection> {
+        gate.judge(measurement, 1, measurement.stamp_ns)
+    }
+
+    #[track_caller]
+    fn assert_rejected(verdict: Result<Accepted, Rejection>, reason: Rejection) {
+        assert_eq!(verdict, Err(reason));
+    }
+
+    #[track_caller]
+    fn assert_accepted(verdict: Result<Accepted, Rejection>, lost_samples: u64, is_new_source: bool) {
+        let Accepted { lost, new_source, .. } = verdict.unwrap();
+        assert_eq!((lost, new_source), (lost_samples, is_new_source));
+    }
+
+    #[test]
+    fn values_that_cannot_be_are_rejected() {
+        let good = Measurement::at(NOW_NS, 0);
+        let one = [1.0, 0.0, 0.0];
+        let cases = [
+            (good.with_velocity_m_s([f64::NAN, 0.0, 0.0]), Rejection::NotFinite),
+            (good.with_angular_velocity_rad_s([0.0, f64::INFINITY, 0.0]), Rejection::NotFinite),
+            (good.with_position_m([0.0, 0.0, f64::NEG_INFINITY]), Rejection::NotFinite),
+            (good.with_attitude_wxyz([f64::NAN, 0.0, 0.0, 0.0]), Rejection::NotFinite),
+            (good.with_velocity_m_s(one).with_force_n([f64::NAN; 3]), Rejection::NotFinite),
+            (good.with_velocity_m_s(one).with_torque_n_m([f64::NAN; 3]), Rejection::NotFinite),
+            (good.with_velocity_m_s([80.0, 80.0, 0.0]), Rejection::BeyondLimits),
+            (good.with_angular_velocity_rad_s([0.0, 51.0, 0.0]), Rejection::BeyondLimits),
+            (good.with_position_m([2e6, 0.0, 0.0]), Rejection::BeyondLimits),
+            (good.with_force_n([2e5, 0.0, 0.0]), Rejection::BeyondLimits),
+            (good.with_torque_n_m([2e5, 0.0, 0.0]), Rejection::BeyondLimits),
+            (good.with_attitude_wxyz([1.0, 0.1, 0.0, 0.0]), Rejection::QuaternionNorm),
+            (good.with_attitude_wxyz([0.0; 4]), Rejection::QuaternionNorm),
+            (good, Rejection::Malformed),
+            (Measurement { valid: 1 << 20 | valid::VELOCITY, ..good }, Rejection::Malformed),
+            (Measurement { velocity_frame: 2, ..good.with_velocity_m_s(one) }, Rejection::Malformed),
+        ];
+        for (measurement, reason) in cases {
+            assert_rejected(judge(&mut gate(SourcePolicy::First), &measurement), reason);
+        }
+    }
+
+    #[test]
+    fn a_field_that_is_not_valid_is_not_looked_at() {
+        let nan_but_not_valid = Measurement { position_m: [f64::NAN; 3], ..sample(0) };
+        assert_accepted(judge(&mut gate(SourcePolicy::First), &nan_but_not_valid), 0, true);
+    }
+
+    #[test]
+    fn stamps_must_rise_and_lie_near_the_clock() {
+        let mut gate = gate(SourcePolicy::First);
+        assert_accepted(judge(&mut gate, &sample(5)), 0, true);
+        assert_rejected(judge(&mut gate, &sample(5)), Rejection::RepeatedStamp);
+        assert_rejected(judge(&mut gate, &Measurement { sequence: 6, ..sample(4) }), Rejection::OlderStamp);
+        let now_ns = sample(6).stamp_ns;
+        assert_rejected(gate.judge(&sample(6), 1, now_ns - 51_000_000), Rejection::FarFuture);
+        assert_rejected(gate.judge(&sample(6), 1, now_ns + 501_000_000), Rejection::TooOld);
+        assert_accepted(gate.judge(&sample(6), 1, now_ns), 0, false);
+    }
+
+    #[test]
+    fn gaps_are_counted_and_backward_sequences_rejected() {
+        let mut gate = gate(SourcePolicy::First);
+        assert_accepted(judge(&mut gate, &sample(3)), 0, true);
+        assert_accepted(judge(&mut gate, &sample(10)), 6, false);
+        assert_rejected(
+            judge(&mut gate, &Measurement { sequence: 7, ..sample(11) }),
+            Rejection::SequenceBackwards,
+        );
+        assert_accepted(judge(&mut gate, &sample(12)), 1, false);
+    }
+
+    #[test]
+    fn a_restart_of_the_source_is_recognised() {
+        let mut gate = gate(SourcePolicy::First);
+        assert_accepted(judge(&mut gate, &sample(100)), 0, true);
+        // In the same process: sequence from 0 again, newer stamp.
+        assert_accepted(judge(&mut gate, &Measurement { sequence: 0, ..sample(101) }), 0, true);
+        // As another process, after a silence, even if its first samples were missed.
+        let later = Measurement { sequence: 7, stamp_ns: sample(101).stamp_ns + 250_000_000, ..sample(0) };
+        assert_accepted(gate.judge(&later, 2, later.stamp_ns), 0, true);
+        assert_eq!(gate.source(), Some(2));
+    }
+
+    #[test]
+    fn the_first_source_wins_until_it_is_silent() {
+        let mut gate = gate(SourcePolicy::First);
+        assert_accepted(gate.judge(&sample(0), 1, NOW_NS), 0, true);
+        assert_rejected(gate.judge(&sample(1), 2, NOW_NS), Rejection::OtherSource);
+        assert_eq!(gate.other_source(), Some(2));
+        assert_accepted(gate.judge(&sample(1), 1, NOW_NS), 0, false);
+        let late = sample(50);
+        assert_accepted(gate.judge(&late, 2, late.stamp_ns), 0, true);
+    }
+
+    #[test]
+    fn under_newest_the_later_source_wins_for_good() {
+        let mut gate = gate(SourcePolicy::Newest);
+        assert_accepted(gate.judge(&sample(0), 1, NOW_NS), 0, true);
+        assert_accepted(gate.judge(&sample(1), 2, NOW_NS), 0, true);
+        assert_rejected(gate.judge(&sample(2), 1, NOW_NS), Rejection::OtherSource);
+        assert_accepted(gate.judge(&sample(2), 2, NOW_NS), 0, false);
+    }
+
+    #[test]
+    fn where_samples_are_the_clock_their_stamps_may_run_ahead() {
+        let mut gate = Gate::new(InputConfig::default(), false);
+        assert_accepted(gate.judge(&sample(0), 1, 0), 0, true);
+        assert_accepted(gate.judge(&sample(1000), 1, 0), 999, false);
+    }
+}

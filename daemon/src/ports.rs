@@ -1,0 +1,187 @@
+//! The ports of the loop: the only place of the daemon that names iceoryx2's ports of the hot path.
+//!
+//! Everything is made under the domain's lock. `take` and `publish` neither allocate nor call the system;
+//! a loan allocates, so the next sample is loaned after publication, in the slack of the tick.
+
+use iceoryx2::active_request::ActiveRequest;
+use iceoryx2::port::publisher::Publisher;
+use iceoryx2::port::server::Server;
+use iceoryx2::port::subscriber::Subscriber;
+use iceoryx2::port::update_connections::UpdateConnections;
+use iceoryx2::port::writer::{EntryHandleMut, Writer};
+use iceoryx2::prelude::*;
+use iceoryx2::sample_mut_uninit::SampleMutUninit;
+use shared_types::payload::{Command, Estimate, Measurement, Reply, Status};
+use shared_types::service::{self, LATEST_ESTIMATE, LATEST_STATUS, Node, ServiceError, Services, Topic};
+use shared_types::{Domain, DomainError};
+use std::fmt::Debug;
+use std::mem::MaybeUninit;
+
+/// Why the ports cannot be made.
+#[derive(Debug, thiserror::Error)]
+pub enum PortsError {
+    /// A service or the domain cannot be used.
+    #[error(transparent)]
+    Service(#[from] ServiceError),
+    /// A port was refused.
+    #[error("{action}: {found}; another daemon may hold it: see `daemon control status`")]
+    Port {
+        /// What was tried.
+        action: &'static str,
+        /// iceoryx2's reason.
+        found: String,
+    },
+}
+
+impl From<DomainError> for PortsError {
+    fn from(error: DomainError) -> Self {
+        Self::Service(error.into())
+    }
+}
+
+fn refused<E: Debug>(action: &'static str) -> impl FnOnce(E) -> PortsError {
+    move |error| PortsError::Port { action, found: format!("{error:?}") }
+}
+
+type Loan = SampleMutUninit<ipc::Service, MaybeUninit<Estimate>, ()>;
+
+/// What the loop reads and writes.
+pub struct LoopPorts {
+    measurement: Subscriber<ipc::Service, Measurement, ()>,
+    estimate: Publisher<ipc::Service, Estimate, ()>,
+    latest_estimate: EntryHandleMut<ipc::Service, u32, Estimate>,
+    latest_status: EntryHandleMut<ipc::Service, u32, Status>,
+    loan: Option<Loan>,
+    _latest: Writer<ipc::Service, u32>,
+    _node: Node,
+}
+
+impl LoopPorts {
+    /// Makes the services `measurement`, `estimate` and, last of all, `latest`, by which clients see that
+    /// the service is complete.
+    ///
+    /// # Errors
+    /// Which service or port, why, and what helps.
+    pub fn make(domain: &Domain, instance: &str) -> Result<Self, PortsError> {
+        let _making = domain.lock_for_making()?;
+        let node = service::node(domain, "daemon-loop")?;
+        let services = Services::of(&node, instance)?;
+        let measurement = services.make_measurement()?;
+        let measurement =
+            measurement.subscriber_builder().create().map_err(refused("subscribe to measurement"))?;
+        let estimate = services.make_estimate()?;
+        let estimate = estimate.publisher_builder().create().map_err(refused("publish estimate"))?;
+        let latest = services.make_latest()?;
+        let latest = latest.writer_builder().create().map_err(refused("write latest"))?;
+        let latest_estimate =
+            latest.entry::<Estimate>(&LATEST_ESTIMATE).map_err(refused("write latest estimate"))?;
+        let latest_status = latest.entry::<Status>(&LATEST_STATUS).map_err(refused("write latest status"))?;
+        let loan = Some(estimate.loan_uninit().map_err(refused("loan an estimate"))?);
+        Ok(Self { measurement, estimate, latest_estimate, latest_status, loan, _latest: latest, _node: node })
+    }
+
+    /// The oldest measurement not yet taken, and its source. A connection that broke counts as empty.
+    pub fn take(&self) -> Option<(Measurement, u128)> {
+        let sample = self.measurement.receive().ok().flatten()?;
+        Some((*sample, sample.header().publisher_id().value()))
+    }
+
+    /// Whether a measurement waits.
+    pub fn has_measurement(&self) -> bool {
+        self.measurement.has_samples().unwrap_or(false)
+    }
+
+    /// Writes the estimate to its readers and to the blackboard.
+    pub fn publish(&mut self, estimate: &Estimate) {
+        if let Some(loan) = self.loan.take() {
+            // The only failure is a reader's broken connection: that reader is gone, the others are served.
+            let _ = loan.write_payload(*estimate).send();
+        }
+        self.latest_estimate.update_with_copy(*estimate);
+    }
+
+    /// Writes the status to the blackboard.
+    pub fn publish_status(&self, status: &Status) {
+        self.latest_status.update_with_copy(*status);
+    }
+
+    /// Makes ready for the next publication: allocates.
+    pub fn prepare(&mut self) {
+        if self.loan.is_none() {
+            self.loan = self.estimate.loan_uninit().ok();
+        }
+    }
+
+    /// Lets late readers see the newest estimate.
+    pub fn update_connections(&self) {
+        // A failure concerns one dead reader only.
+        let _ = self.estimate.update_connections();
+    }
+}
+
+/// What the attendant thread reads and writes.
+pub struct AttendantPorts {
+    status: Publisher<ipc::Service, Status, ()>,
+    control: Server<ipc::Service, Command, (), Reply, ()>,
+    measurement: Topic<Measurement>,
+    _truth: Topic<shared_types::Truth>,
+    _node: Node,
+}
+
+impl AttendantPorts {
+    /// Makes the services `status`, `truth` and `control`, and opens `measurement` to see its sources.
+    ///
+    /// # Errors
+    /// Which service or port, why, and what helps.
+    pub fn make(domain: &Domain, instance: &str) -> Result<Self, PortsError> {
+        let _making = domain.lock_for_making()?;
+        let node = service::node(domain, "daemon")?;
+        let services = Services::of(&node, instance)?;
+        let status = services.make_status()?;
+        let status = status.publisher_builder().create().map_err(refused("publish status"))?;
+        let control = services.make_control()?;
+        let control = control.server_builder().create().map_err(refused("serve control"))?;
+        let (measurement, truth) = (services.make_measurement()?, services.make_truth()?);
+        Ok(Self { status, control, measurement, _truth: truth, _node: node })
+    }
+
+    /// Writes the status to its readers.
+    pub fn publish(&self, status: &Status) {
+        // A failure concerns one dead reader only.
+        let _ = self.status.send_copy(*status);
+        let _ = self.status.update_connections();
+    }
+
+    /// The oldest request not yet answered.
+    pub fn request(&self) -> Option<Request> {
+        self.control.receive().ok().flatten().map(Request)
+    }
+
+    /// Process id of a source, if it is connected.
+    pub fn source_pid(&self, source: u128) -> Option<u64> {
+        let mut pid = None;
+        self.measurement.dynamic_config().list_publishers(|publisher| {
+            if publisher.publisher_id.value() == source {
+                pid = publisher.node_id.pid::<ipc::Service>().ok().map(|pid| pid.value() as u64);
+            }
+            CallbackProgression::Continue
+        });
+        pid
+    }
+}
+
+/// An operator's request that waits for its answer.
+pub struct Request(ActiveRequest<ipc::Service, Command, (), Reply, ()>);
+
+impl Request {
+    /// What is asked: one of [`shared_types::payload::command`].
+    pub fn kind(&self) -> u32 {
+        self.0.kind
+    }
+
+    /// Answers it.
+    pub fn answer(self, reply: Reply) {
+        // A client that is gone needs no answer.
+        let _ = self.0.send_copy(reply);
+    }
+}
