@@ -381,3 +381,182 @@ fn positive_definite(parameter: Parameter, matrix: &Matrix3<f64>) -> Result<Matr
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{DeadZoneShape, MaternOrder};
+    use nalgebra::{DMatrix, DVector};
+
+    fn design() -> ChannelDesign {
+        ChannelDesign {
+            kernel: Kernel::SobolevMatern { order: MaternOrder::Three },
+            length_scale: 1.0,
+            centers: Centers::lattice([-1.0; 3], [1.0; 3], [3; 3]).unwrap(),
+            nugget: 0.0,
+            inertia: Matrix3::new(4.0, 0.5, 0.0, 0.5, 3.0, 0.2, 0.0, 0.2, 5.0),
+            gain_per_s: 10.0,
+            adaptation_rate: Matrix3::new(80.0, 5.0, 0.0, 5.0, 120.0, 0.0, 0.0, 0.0, 100.0),
+            dead_zone: DeadZone::new(DeadZoneShape::Saturated, 0.01, 0.01).unwrap(),
+            noise_bound: 0.0,
+            hold_s: 0.0075,
+            coast_step_s: 0.005,
+        }
+    }
+
+    /// A path through the centers' box, with errors on both sides of the dead zone.
+    fn output(j: usize) -> Vector3<f64> {
+        let t = j as f64 * 0.037;
+        Vector3::new(t.sin(), (1.3 * t).cos(), (0.7 * t).sin() * 0.9)
+    }
+
+    /// The paper's law in its own coordinates, α̂' = σ K⁻¹ k (Γ_f ỹ)ᵀ, and in nodal values β = Kα̂, both with
+    /// nalgebra's LU instead of our factor: three coordinates, one function.
+    #[test]
+    fn weights_coefficients_and_nodal_values_are_the_same_law() {
+        let design = design();
+        let (inertia, rate, zone) = (design.inertia, design.adaptation_rate, design.dead_zone);
+        let mut channel = Channel::new(design).unwrap();
+        let gram = channel.space().gram();
+        let gram_lu = gram.clone().lu();
+        let mut alpha = DMatrix::<f64>::zeros(27, 3);
+        let mut beta = DMatrix::<f64>::zeros(27, 3);
+        let (mut ours, mut theirs) = (Vector3::zeros(), Vector3::zeros());
+        let h = 0.005;
+        for j in 0..2000 {
+            let (y, u) = (output(j), Vector3::new(0.3, -0.2, 0.1));
+            let mut k = DVector::zeros(27);
+            channel.space().kernel_vector(&y, k.as_mut_slice());
+            let y_error: Vector3<f64> = y - theirs;
+            let increment = h * zone.activation(y_error.norm()) * rate * y_error;
+            alpha += gram_lu.solve(&k).unwrap() * increment.transpose();
+            beta += &k * increment.transpose();
+            let f_alpha = alpha.tr_mul(&k);
+            let f_beta = gram_lu.solve(&beta).unwrap().tr_mul(&k);
+            let force = Vector3::from_column_slice((u + &f_alpha).as_slice());
+            let decay = (-10.0 * h).exp();
+            theirs =
+                decay * theirs + (1.0 - decay) / 10.0 * (10.0 * y + inertia.try_inverse().unwrap() * force);
+
+            ours = channel.step(&ours, &y, &u, h);
+            let f_theta =
+                channel.held.prior_force + channel.held.squared_features * channel.learning(h).increment;
+            let scale = f_alpha.norm().max(1.0);
+            assert!(
+                (f_theta - Vector3::from_column_slice(f_alpha.as_slice())).norm() < 1e-10 * scale,
+                "step {j}"
+            );
+            assert!((f_beta - f_alpha).norm() < 1e-10 * scale, "step {j}");
+            assert!((ours - theirs).norm() < 1e-11, "step {j}");
+        }
+        let coefficients = channel.space().coefficients(channel.weights());
+        assert!((&coefficients - &alpha).norm() < 1e-9 * alpha.norm());
+        let norm = (alpha.transpose() * gram * &alpha).trace().sqrt();
+        assert!((channel.native_norm() / norm - 1.0).abs() < 1e-10);
+        assert!(norm > 1.0, "it learned something: {norm}");
+    }
+
+    /// The exact step against RK4 of the differential equation with 1000 substeps.
+    #[test]
+    fn a_step_is_the_exact_solution_for_held_inputs() {
+        let mut channel = Channel::new(design()).unwrap();
+        let (y, force) = (Vector3::new(0.4, -0.3, 0.2), Vector3::new(1.0, 2.0, -3.0));
+        let start = Vector3::new(-1.0, 0.5, 2.0);
+        channel.observe(&y, &start);
+        let inverse = design().inertia.try_inverse().unwrap();
+        for (segment, lambda) in
+            [(channel.follow(&start, &force, 0.1), 10.0), (channel.coast(&start, &force, 0.1), 0.0)]
+        {
+            let slope = |v: &Vector3<f64>| lambda * (y - v) + inverse * force;
+            let (mut v, mut integral, h) = (start, Vector3::zeros(), 1e-4);
+            for _ in 0..1000 {
+                let (k1, v1) = (slope(&v), v);
+                let v2 = v + 0.5 * h * k1;
+                let k2 = slope(&v2);
+                let v3 = v + 0.5 * h * k2;
+                let k3 = slope(&v3);
+                let v4 = v + h * k3;
+                integral += h / 6.0 * (v1 + 2.0 * v2 + 2.0 * v3 + v4);
+                v += h / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + slope(&v4));
+            }
+            assert!((segment.end - v).norm() < 1e-12);
+            assert!((segment.integral - integral).norm() < 1e-12);
+        }
+    }
+
+    #[test]
+    fn an_unstable_adaptation_rate_is_refused_with_the_largest_stable_one() {
+        let mut design = ChannelDesign { inertia: Matrix3::identity() * 4.0, ..design() };
+        design.adaptation_rate = Matrix3::identity() * 1e7;
+        let error = Channel::new(design.clone()).unwrap_err();
+        assert_eq!(error.parameter, Parameter::AdaptationRate);
+        let largest: f64 =
+            error.needed.split_whitespace().nth(4).unwrap().trim_end_matches(',').parse().unwrap();
+        // g h (1 − E)/(λ m) = 2 (1 + E) with g = γ κ(0), by hand.
+        let (h, decay) = (0.0075, (-0.075_f64).exp());
+        let expected = 2.0 * (1.0 + decay) * 10.0 * 4.0 / (h * (1.0 - decay)) / 2.467401100272340;
+        assert!((largest / expected - 1.0).abs() < 1e-4, "{largest} {expected}");
+        for (factor, accepted) in [(0.999, true), (1.001, false)] {
+            design.adaptation_rate = Matrix3::identity() * (factor * expected);
+            assert_eq!(Channel::new(design.clone()).is_ok(), accepted);
+        }
+    }
+
+    #[test]
+    fn parameters_out_of_range_are_refused_by_name() {
+        type Change = fn(&mut ChannelDesign);
+        let cases: [(Parameter, Change); 8] = [
+            (Parameter::Gain, |d| d.gain_per_s = 0.0),
+            (Parameter::Hold, |d| d.hold_s = f64::NAN),
+            (Parameter::CoastStep, |d| d.coast_step_s = -1.0),
+            (Parameter::NoiseBound, |d| d.noise_bound = -1.0),
+            (Parameter::Inertia, |d| d.inertia[(0, 1)] = 9.0),
+            (Parameter::AdaptationRate, |d| d.adaptation_rate[(2, 2)] = -1.0),
+            (Parameter::LengthScale, |d| d.length_scale = 0.0),
+            (Parameter::Nugget, |d| d.nugget = f64::INFINITY),
+        ];
+        for (parameter, change) in cases {
+            let mut design = design();
+            change(&mut design);
+            assert_eq!(Channel::new(design).unwrap_err().parameter, parameter);
+        }
+    }
+
+    /// The paper's σ₀ grows with the error without bound: the clamp keeps the sampled law stable.
+    #[test]
+    fn a_huge_error_cannot_break_the_sampled_bound() {
+        let mut design = design();
+        design.dead_zone = DeadZone::new(DeadZoneShape::Quadratic, 0.01, 0.01).unwrap();
+        design.adaptation_rate = Matrix3::identity() * 1e4;
+        let mut channel = Channel::new(design).unwrap();
+        let (mut estimate, mut clamped, mut largest) = (Vector3::new(1e4, 0.0, 0.0), false, 0.0_f64);
+        for _ in 0..20_000 {
+            let y = Vector3::new(0.1, 0.2, 0.3);
+            channel.observe(&y, &estimate);
+            clamped |= channel.learning(0.005).clamped;
+            estimate = channel.step(&estimate, &y, &Vector3::zeros(), 0.005);
+            largest = largest.max((estimate - y).norm());
+        }
+        assert!(clamped);
+        assert!(
+            largest < 2e5 && (estimate - Vector3::new(0.1, 0.2, 0.3)).norm() < 0.1,
+            "{largest} {estimate}"
+        );
+    }
+
+    #[test]
+    fn a_frozen_channel_keeps_what_it_learned() {
+        let mut channel = Channel::new(design()).unwrap();
+        let mut estimate = Vector3::zeros();
+        for j in 0..200 {
+            estimate = channel.step(&estimate, &output(j), &Vector3::zeros(), 0.005);
+        }
+        let learned = channel.weights().clone();
+        channel.set_frozen(true);
+        for j in 200..400 {
+            estimate = channel.step(&estimate, &output(j), &Vector3::zeros(), 0.005);
+        }
+        assert_eq!(channel.weights(), &learned);
+        assert!(channel.native_norm() > 0.0);
+    }
+}
