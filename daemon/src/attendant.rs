@@ -20,8 +20,6 @@ pub struct AttendantRings {
     pub records: rtrb::Consumer<TickRecord>,
     /// To the loop.
     pub commands: rtrb::Producer<LoopCommand>,
-    /// To the loop, for the blackboard.
-    pub statuses: rtrb::Producer<Status>,
 }
 
 /// The attendant's state.
@@ -98,8 +96,6 @@ impl Attendant {
         let status = self.status();
         self.statuses += 1;
         self.ports.publish(&status);
-        // A full ring means that the loop has not run since: there is nothing newer to say.
-        let _ = self.rings.statuses.push(status);
         status
     }
 

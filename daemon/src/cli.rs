@@ -117,7 +117,7 @@ pub fn main_with_args(args: impl IntoIterator<Item = OsString>) -> ExitCode {
             eprintln!("daemon: {error:#}");
             let wrong_usage = error.is::<ConfigError>()
                 || error.is::<DomainError>()
-                || matches!(error.downcast_ref::<StartError>(), Some(StartError::Config(_)));
+                || error.downcast_ref::<StartError>().is_some_and(StartError::is_wrong_usage);
             ExitCode::from(if wrong_usage { 2 } else { 1 })
         }
     }

@@ -9,7 +9,7 @@ use crate::gate::{Accepted, Gate};
 use crate::ports::LoopPorts;
 use observer::{ChannelReport, RigidBodyEstimate, RigidBodyObserver};
 use shared_types::clock::{monotonic_ns, sleep_until_ns};
-use shared_types::payload::{Channel, Estimate, Status, status_bits};
+use shared_types::payload::{Channel, Estimate, status_bits};
 use std::sync::atomic::{AtomicBool, Ordering};
 
 /// One tick takes at most this many samples: a flood cannot hold the loop.
@@ -19,10 +19,10 @@ const GOOD_COPY_EVERY_S: f64 = 0.5;
 /// Late readers are let in this often (s).
 const CONNECT_EVERY_S: f64 = 0.1;
 
-/// What the loop counts since it started.
+/// What the loop counts since it started; see [`shared_types::Status`].
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Counters {
-    /// See [`Status`]; the fields of the same name.
+    /// Ticks served.
     pub ticks: u64,
     /// Deadlines that passed unserved.
     pub deadline_misses: u64,
@@ -88,8 +88,6 @@ pub struct LoopRings {
     pub records: rtrb::Producer<TickRecord>,
     /// From the attendant.
     pub commands: rtrb::Consumer<LoopCommand>,
-    /// From the attendant, for the blackboard.
-    pub statuses: rtrb::Consumer<Status>,
 }
 
 /// The loop's state.
@@ -275,9 +273,6 @@ impl Cycle {
             if self.rings.records.push(record).is_err() {
                 self.counters.records_dropped += 1;
             }
-        }
-        while let Ok(status) = self.rings.statuses.pop() {
-            self.ports.publish_status(&status);
         }
         // What is published was checked to be within limits: this is a good moment.
         if self.counters.ticks.is_multiple_of(self.good_copy_every) {

@@ -2,8 +2,8 @@
 //!
 //! ```text
 //! vehicle ──measurement──▶ gate ─▶ observer ─▶ estimate ──▶ anyone
-//!                            the loop thread, one tick        │
-//!                              │ ▲  wait-free rings           └▶ latest (blackboard)
+//!                            the loop thread, one tick
+//!                              │ ▲  wait-free rings
 //!                              ▼ │
 //! operator ◀──control,status── the attendant thread ─▶ log
 //! ```
@@ -29,6 +29,7 @@ use config::{ConfigError, ConfigFile};
 use cycle::{Cycle, LoopRings};
 use ports::{AttendantPorts, LoopPorts, PortsError};
 use shared_types::domain::InstanceClaim;
+use shared_types::service::{ServiceError, check_instance_name};
 use shared_types::{Domain, DomainError, Status};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -58,6 +59,13 @@ impl From<DomainError> for StartError {
     }
 }
 
+impl StartError {
+    /// Whether the command line or the configuration is wrong, and not the machine.
+    pub fn is_wrong_usage(&self) -> bool {
+        matches!(self, Self::Config(_) | Self::Ports(PortsError::Service(ServiceError::InstanceName(_))))
+    }
+}
+
 /// A running service: a loop thread and an attendant thread.
 #[derive(Debug)]
 pub struct Service {
@@ -77,13 +85,12 @@ impl Service {
     pub fn start(config: &ConfigFile, domain: &Domain, instance: &str) -> Result<Self, StartError> {
         let observer = config.observer()?;
         let config = config.config.clone();
+        check_instance_name(instance).map_err(PortsError::from)?;
         let claim = domain.claim_instance(instance)?;
         let (records_in, records_out) = rtrb::RingBuffer::new(RECORDS);
         let (commands_in, commands_out) = rtrb::RingBuffer::new(8);
-        let (statuses_in, statuses_out) = rtrb::RingBuffer::new(4);
-        let loop_rings = LoopRings { records: records_in, commands: commands_out, statuses: statuses_out };
-        let attendant_rings =
-            AttendantRings { records: records_out, commands: commands_in, statuses: statuses_in };
+        let loop_rings = LoopRings { records: records_in, commands: commands_out };
+        let attendant_rings = AttendantRings { records: records_out, commands: commands_in };
 
         let mut service = Self {
             domain: domain.clone(),

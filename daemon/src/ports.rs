@@ -8,11 +8,10 @@ use iceoryx2::port::publisher::Publisher;
 use iceoryx2::port::server::Server;
 use iceoryx2::port::subscriber::Subscriber;
 use iceoryx2::port::update_connections::UpdateConnections;
-use iceoryx2::port::writer::{EntryHandleMut, Writer};
 use iceoryx2::prelude::*;
 use iceoryx2::sample_mut_uninit::SampleMutUninit;
 use shared_types::payload::{Command, Estimate, Measurement, Reply, Status};
-use shared_types::service::{self, LATEST_ESTIMATE, LATEST_STATUS, Node, ServiceError, Services, Topic};
+use shared_types::service::{self, Node, ServiceError, Services, Topic};
 use shared_types::{Domain, DomainError};
 use std::fmt::Debug;
 use std::mem::MaybeUninit;
@@ -49,16 +48,13 @@ type Loan = SampleMutUninit<ipc::Service, MaybeUninit<Estimate>, ()>;
 pub struct LoopPorts {
     measurement: Subscriber<ipc::Service, Measurement, ()>,
     estimate: Publisher<ipc::Service, Estimate, ()>,
-    latest_estimate: EntryHandleMut<ipc::Service, u32, Estimate>,
-    latest_status: EntryHandleMut<ipc::Service, u32, Status>,
     loan: Option<Loan>,
-    _latest: Writer<ipc::Service, u32>,
     _node: Node,
 }
 
 impl LoopPorts {
-    /// Makes the services `measurement`, `estimate` and, last of all, `latest`, by which clients see that
-    /// the service is complete.
+    /// Makes the services `measurement` and, last of all, `estimate`, by which clients see that the service
+    /// is complete.
     ///
     /// # Errors
     /// Which service or port, why, and what helps.
@@ -71,13 +67,8 @@ impl LoopPorts {
             measurement.subscriber_builder().create().map_err(refused("subscribe to measurement"))?;
         let estimate = services.make_estimate()?;
         let estimate = estimate.publisher_builder().create().map_err(refused("publish estimate"))?;
-        let latest = services.make_latest()?;
-        let latest = latest.writer_builder().create().map_err(refused("write latest"))?;
-        let latest_estimate =
-            latest.entry::<Estimate>(&LATEST_ESTIMATE).map_err(refused("write latest estimate"))?;
-        let latest_status = latest.entry::<Status>(&LATEST_STATUS).map_err(refused("write latest status"))?;
         let loan = Some(estimate.loan_uninit().map_err(refused("loan an estimate"))?);
-        Ok(Self { measurement, estimate, latest_estimate, latest_status, loan, _latest: latest, _node: node })
+        Ok(Self { measurement, estimate, loan, _node: node })
     }
 
     /// The oldest measurement not yet taken, and its source. A connection that broke counts as empty.
@@ -91,22 +82,19 @@ impl LoopPorts {
         self.measurement.has_samples().unwrap_or(false)
     }
 
-    /// Writes the estimate to its readers and to the blackboard.
+    /// Writes the estimate to its readers.
     pub fn publish(&mut self, estimate: &Estimate) {
         if let Some(loan) = self.loan.take() {
             // The only failure is a reader's broken connection: that reader is gone, the others are served.
             let _ = loan.write_payload(*estimate).send();
         }
-        self.latest_estimate.update_with_copy(*estimate);
     }
 
-    /// Writes the status to the blackboard.
-    pub fn publish_status(&self, status: &Status) {
-        self.latest_status.update_with_copy(*status);
-    }
-
-    /// Makes ready for the next publication: allocates.
+    /// Makes ready for the next tick: allocates. A new source's segment is mapped here, so that the tick
+    /// which takes its first sample need not.
     pub fn prepare(&mut self) {
+        // A failure concerns one dead source only.
+        let _ = self.measurement.update_connections();
         if self.loan.is_none() {
             self.loan = self.estimate.loan_uninit().ok();
         }

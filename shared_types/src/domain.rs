@@ -49,19 +49,19 @@ pub enum DomainError {
         remedy: String,
     },
     /// The operating system refused.
-    #[error("{action} '{path}': {source}")]
+    #[error("{action} '{path}': {cause}")]
     Io {
         /// What was tried.
         action: &'static str,
         /// On which file.
         path: String,
         /// The system's reason.
-        source: io::Error,
+        cause: io::Error,
     },
 }
 
 fn io_error(action: &'static str, path: &Path) -> impl FnOnce(io::Error) -> DomainError {
-    move |source| DomainError::Io { action, path: path.display().to_string(), source }
+    move |cause| DomainError::Io { action, path: path.display().to_string(), cause }
 }
 
 /// One isolated set of services. Processes see each other only inside the same domain.

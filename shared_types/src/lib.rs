@@ -13,21 +13,23 @@
 //! ```
 //! use shared_types::{Client, Domain, Measurement, clock};
 //! use std::time::Duration;
-//! # // A live service of its own, so that this example really runs.
+//! # // A live service in a domain of its own, so that this example really runs.
 //! # let root = tempfile::Builder::new().prefix("od").tempdir_in("/dev/shm")?;
 //! # let domain = Domain::at(root.path())?;
-//! # let service = shared_types::service::stand_in_for_documentation(&domain, "vehicle")?;
+//! # let config = daemon::config::ConfigFile::preset("rigid-body")?;
+//! # let service = daemon::Service::start(&config, &domain, "vehicle")?;
+//! # let _ = stringify! {
 //!
-//! # #[cfg(any())] let domain = Domain::of_user()?;
+//! let domain = Domain::of_user()?;
+//! # };
 //! let client = Client::connect(&domain, "vehicle", Duration::from_secs(5))?;
 //! let sensors = client.measurement_publisher()?;
 //! let mut estimates = client.estimate_subscriber()?;
 //! sensors.publish(&Measurement::at(clock::monotonic_ns(), 0).with_velocity_m_s([1.0, 0.0, 0.0]))?;
-//! # service.answer();
 //! let estimate = estimates.wait_next(Duration::from_secs(1))?;
 //! println!("unknown force {:?} N", estimate.matched_force_n);
-//! # drop((sensors, estimates, client, service));
-//! # domain.remove()?;
+//! # drop((sensors, estimates, client));
+//! # service.stop();
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 

@@ -1,12 +1,23 @@
 //! Service names and qualities: how the daemon makes a service and how everyone else opens it.
 //!
 //! Only the daemon makes services; all others open them and wait until they can.
+//!
+//! | service | pattern | payload | from → to |
+//! |---|---|---|---|
+//! | `NAME/measurement` | publish-subscribe, overflow keeps the newest | [`Measurement`] | vehicle → daemon |
+//! | `NAME/estimate` | publish-subscribe, history 1 | [`Estimate`] | daemon → anyone |
+//! | `NAME/status` | publish-subscribe, history 1, a few Hz | [`Status`] | daemon → operators |
+//! | `NAME/truth` | publish-subscribe | [`Truth`] | simulator → bench, monitor |
+//! | `NAME/control` | request-response | [`Command`], [`Reply`] | operator → daemon |
+//!
+//! Whoever only wants the newest estimate subscribes with a buffer of one: overflow then keeps just that.
+//! A blackboard would be the obvious place, but in iceoryx2 0.10.0 an entry whose writer was killed cannot
+//! be written again while any reader lives (upstream issue 2008), and a frozen estimate looks like a live one.
 
 use crate::payload::{Command, Estimate, Measurement, Reply, Status, Truth};
 use crate::{Domain, DomainError};
 use iceoryx2::prelude::*;
-use iceoryx2::service::builder::blackboard::BlackboardOpenError;
-use iceoryx2::service::port_factory::{blackboard, publish_subscribe, request_response};
+use iceoryx2::service::port_factory::{publish_subscribe, request_response};
 use std::fmt::Debug;
 
 /// Samples that wait for a slow daemon; then the oldest is dropped and shows as a gap in the sequence.
@@ -19,10 +30,6 @@ pub const MAX_READERS: usize = 32;
 pub const MAX_SOURCES: usize = 8;
 /// Processes (nodes) that use one service.
 const MAX_NODES: usize = 64;
-/// Key of the newest [`Estimate`] on the blackboard.
-pub const LATEST_ESTIMATE: u32 = 0;
-/// Key of the newest [`Status`] on the blackboard.
-pub const LATEST_STATUS: u32 = 1;
 
 /// A node of this process in a domain.
 pub type Node = iceoryx2::node::Node<ipc::Service>;
@@ -30,8 +37,6 @@ pub type Node = iceoryx2::node::Node<ipc::Service>;
 pub type Topic<Payload> = publish_subscribe::PortFactory<ipc::Service, Payload, ()>;
 /// Ports of the control service.
 pub type Control = request_response::PortFactory<ipc::Service, Command, (), Reply, ()>;
-/// Ports of the blackboard.
-pub type Latest = blackboard::PortFactory<ipc::Service, u32>;
 
 /// Why a service cannot be made or opened.
 #[derive(Debug, thiserror::Error)]
@@ -61,7 +66,7 @@ pub enum ServiceError {
 
 fn refused(action: &'static str, name: &str, cause: &dyn Debug) -> ServiceError {
     let found = format!("{cause:?}");
-    let remedy = if found.contains("Type") || found.contains("IncompatibleKeys") {
+    let remedy = if found.contains("Type") {
         "the other side has another version of the payload: build both from the same version, and stop every process that still holds the service"
     } else if found.contains("Permission") {
         "the service belongs to another user: run as that user, or choose another --root"
@@ -93,6 +98,18 @@ pub fn node(domain: &Domain, name: &str) -> Result<Node, ServiceError> {
         .map_err(|error| refused("create node", name, &error))
 }
 
+/// Whether a name can be part of service names.
+///
+/// # Errors
+/// `InstanceName` if not.
+pub fn check_instance_name(instance: &str) -> Result<(), ServiceError> {
+    let allowed = |b: u8| b.is_ascii_alphanumeric() || b == b'-' || b == b'_';
+    match instance.len() {
+        1..=32 if instance.bytes().all(allowed) => Ok(()),
+        _ => Err(ServiceError::InstanceName(instance.into())),
+    }
+}
+
 /// Names and makes or opens the services of one instance.
 #[derive(Debug)]
 pub struct Services<'a> {
@@ -106,10 +123,7 @@ impl<'a> Services<'a> {
     /// # Errors
     /// `InstanceName` for a name that is no part of a service name.
     pub fn of(node: &'a Node, instance: &'a str) -> Result<Self, ServiceError> {
-        let allowed = |b: u8| b.is_ascii_alphanumeric() || b == b'-' || b == b'_';
-        if instance.is_empty() || instance.len() > 32 || !instance.bytes().all(allowed) {
-            return Err(ServiceError::InstanceName(instance.into()));
-        }
+        check_instance_name(instance)?;
         Ok(Self { node, instance })
     }
 
@@ -184,28 +198,6 @@ impl<'a> Services<'a> {
         self.make_topic("truth", MAX_SOURCES, ESTIMATE_BUFFER, 0)
     }
 
-    /// The newest estimate and status, for those who want nothing older. The daemon's side.
-    ///
-    /// # Errors
-    /// As [`Services::make_measurement`].
-    pub fn make_latest(&self) -> Result<Latest, ServiceError> {
-        let (text, name) = self.name("latest");
-        match self.node.service_builder(&name).blackboard_opener::<u32>().open() {
-            Ok(service) => return Ok(service),
-            Err(BlackboardOpenError::DoesNotExist | BlackboardOpenError::IsMarkedForDestruction) => {}
-            Err(error) => return Err(refused("open service", &text, &error)),
-        }
-        self.node
-            .service_builder(&name)
-            .blackboard_creator::<u32>()
-            .max_readers(MAX_READERS)
-            .max_nodes(MAX_NODES)
-            .add_with_default::<Estimate>(LATEST_ESTIMATE)
-            .add_with_default::<Status>(LATEST_STATUS)
-            .create()
-            .map_err(|error| refused("create service", &text, &error))
-    }
-
     /// Operator → daemon. The daemon's side.
     ///
     /// # Errors
@@ -254,22 +246,6 @@ impl<'a> Services<'a> {
     /// As [`Services::open_measurement`].
     pub fn open_truth(&self) -> Result<Topic<Truth>, ServiceError> {
         self.open_topic("truth")
-    }
-
-    /// The newest estimate and status. Everyone else's side.
-    ///
-    /// # Errors
-    /// As [`Services::open_measurement`].
-    pub fn open_latest(&self) -> Result<Latest, ServiceError> {
-        use BlackboardOpenError as E;
-        let (text, name) = self.name("latest");
-        match self.node.service_builder(&name).blackboard_opener::<u32>().open() {
-            Ok(service) => Ok(service),
-            Err(E::DoesNotExist | E::IsMarkedForDestruction | E::HangsInCreation) => {
-                Err(ServiceError::Missing(text))
-            }
-            Err(error) => Err(refused("open service", &text, &error)),
-        }
     }
 
     /// Operator → daemon. Everyone else's side.

@@ -494,7 +494,8 @@ mod tests {
             error.needed.split_whitespace().nth(4).unwrap().trim_end_matches(',').parse().unwrap();
         // g h (1 − E)/(λ m) = 2 (1 + E) with g = γ κ(0), by hand.
         let (h, decay) = (0.0075, (-0.075_f64).exp());
-        let expected = 2.0 * (1.0 + decay) * 10.0 * 4.0 / (h * (1.0 - decay)) / 2.467401100272340;
+        let expected =
+            2.0 * (1.0 + decay) * 10.0 * 4.0 / (h * (1.0 - decay)) / (std::f64::consts::PI.powi(2) / 4.0);
         assert!((largest / expected - 1.0).abs() < 1e-4, "{largest} {expected}");
         for (factor, accepted) in [(0.999, true), (1.001, false)] {
             design.adaptation_rate = Matrix3::identity() * (factor * expected);

@@ -553,8 +553,7 @@ mod tests {
                 stamp_ns += PERIOD_NS;
                 observer.accept(&Sample { stamp_ns, velocity, force_n, ..Sample::default() });
             }
-            let error = (observer.estimate(stamp_ns).velocity_m_s.x - advance(8000.0 * PERIOD_S)).abs();
-            error
+            (observer.estimate(stamp_ns).velocity_m_s.x - advance(8000.0 * PERIOD_S)).abs()
         };
         let (with, without) = (coast_error(false), coast_error(true));
         assert!(with < without / 4.0, "after 1 s without measurements: {with} with, {without} without");
@@ -687,12 +686,12 @@ mod tests {
 
     #[test]
     fn before_the_first_output_there_is_the_initial_state() {
-        let position_m = Some(Vector3::new(1.0, 2.0, 3.0));
+        let position = Vector3::new(1.0, 2.0, 3.0);
         let mut observer = both();
         assert!(observer.estimate(START_NS).translation.unwrap().coasting);
-        observer.accept(&Sample { stamp_ns: START_NS, position_m, ..Sample::default() });
+        observer.accept(&Sample { stamp_ns: START_NS, position_m: Some(position), ..Sample::default() });
         let estimate = observer.estimate(START_NS + 5_000_000_000);
-        assert_eq!(estimate.position_m, position_m.unwrap());
+        assert_eq!(estimate.position_m, position);
         assert_eq!(estimate.translation.unwrap().output_age_s, f64::INFINITY);
         assert!(RigidBodyObserver::new(None, None, InitialState::default()).is_err());
     }

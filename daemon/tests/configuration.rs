@@ -1,0 +1,147 @@
+//! A configuration that cannot work is refused with its place, what was found and what would be accepted,
+//! and nothing is started.
+
+mod common;
+
+use common::{Daemon, TestDomain, finished};
+use daemon::config::{ConfigFile, PRESETS};
+use std::io::Write;
+use std::process::Command;
+
+/// The smallest useful file; tests spoil one line of it.
+const GOOD: &str = "rate_hz = 200.0
+
+[translation]
+mass_kg = 4.0
+gain_per_s = 10.0
+adaptation_rate_kg_s2 = 100.0
+length_scale_m_s = 1.0
+centers_lower_m_s = [-1.0, -1.0, -1.0]
+centers_upper_m_s = [1.0, 1.0, 1.0]
+centers_per_axis = [3, 3, 3]
+dead_zone_width_m_s = 0.01
+dead_zone_buffer_m_s = 0.01
+noise_bound_m_s = 0.02
+";
+
+fn refusal(text: &str) -> String {
+    let file = match ConfigFile::parse("vehicle.toml".into(), text.into()) {
+        Err(error) => return error.to_string(),
+        Ok(file) => file,
+    };
+    file.observer().expect_err(text).to_string()
+}
+
+#[track_caller]
+fn assert_refused(text: &str, parts: &[&str]) {
+    let message = refusal(text);
+    for part in parts {
+        assert!(message.contains(part), "'{part}' is missing in: {message}");
+    }
+}
+
+#[test]
+fn unknown_keys_and_wrong_units_name_the_line_and_the_key_that_was_meant() {
+    assert_refused(
+        &GOOD.replace("mass_kg", "mass_lb"),
+        &["vehicle.toml, line 4", "mass_lb", "did you mean `mass_kg`"],
+    );
+    assert_refused(&GOOD.replace("rate_hz", "rate_khz"), &["line 1", "did you mean `rate_hz`"]);
+    assert_refused(&GOOD.replace("width_m_s", "width_mm_s"), &["line 11", "dead_zone_width_m_s"]);
+    assert_refused(&(GOOD.to_owned() + "\n[rotaton]\n"), &["line 15", "did you mean `rotation`"]);
+}
+
+#[test]
+fn missing_keys_and_wrong_types_say_what_is_needed() {
+    assert_refused(
+        &GOOD.replace("mass_kg = 4.0\n", ""),
+        &["line 3", "missing field `mass_kg`", "Nominal mass"],
+    );
+    assert_refused(&GOOD.replace("4.0", "\"heavy\""), &["line 4", "expected f64"]);
+    assert_refused(&GOOD.replace("= 100.0", "= [1.0, 2.0]"), &["line 6", "three numbers (a diagonal)"]);
+    assert_refused(&GOOD.replace("[3, 3, 3]", "[3, 3]"), &["line 10", "array of length 3"]);
+    assert_refused(
+        &GOOD.replace("rate_hz = 200.0", "rate_hz = 200.0\ntrigger = \"never\""),
+        &["line 2", "`timer`"],
+    );
+    assert_refused("rate_hz = = 3", &["line 1"]);
+    assert_refused("rate_hz = 200.0\n", &["neither [translation] nor [rotation]"]);
+}
+
+#[test]
+fn values_out_of_range_name_their_line() {
+    assert_refused(&GOOD.replace("200.0", "0.1"), &["line 1", "rate_hz", "found 0.1", "1 … 10000"]);
+    assert_refused(&GOOD.replace("4.0", "-4.0"), &["line 4", "mass_kg", "positive definite"]);
+    assert_refused(&GOOD.replace("10.0", "0.0"), &["line 5", "gain_per_s", "> 0"]);
+    assert_refused(
+        &GOOD.replace("width_m_s = 0.01", "width_m_s = -1.0"),
+        &["line 11", "dead_zone_width_m_s"],
+    );
+    assert_refused(
+        &GOOD.replace("buffer_m_s = 0.01", "buffer_m_s = 0.0"),
+        &["line 12", "dead_zone_buffer_m_s"],
+    );
+    assert_refused(&GOOD.replace("0.02", "nan"), &["line 13", "noise_bound_m_s"]);
+    assert_refused(&(GOOD.to_owned() + "sample_rate_hz = 0.0\n"), &["line 14", "sample_rate_hz"]);
+    assert_refused(&(GOOD.to_owned() + "\n[input]\nmax_age_s = 0.0\n"), &["line 16", "max_age_s"]);
+    let attitude = "\n[initial]\nattitude_wxyz = [1.0, 1.0, 0.0, 0.0]\n";
+    assert_refused(&(GOOD.to_owned() + attitude), &["line 16", "unit quaternion"]);
+    assert_refused(&GOOD.replace("200.0", "200.0\nspin_us = 6000.0"), &["line 2", "0 … 5000"]);
+}
+
+#[test]
+fn unstable_gains_are_refused_with_the_largest_stable_rate() {
+    assert_refused(
+        &GOOD.replace("= 100.0", "= 1e7"),
+        &["line 6", "adaptation_rate_kg_s2", "unstable", "below 1"],
+    );
+    // The same rate is unstable where samples are rare: the hold is longer.
+    let rare = GOOD.replace("= 100.0", "= 2000.0") + "sample_rate_hz = 2.0\n";
+    assert_refused(&rare, &["adaptation_rate_kg_s2", "held for 0.75 s"]);
+}
+
+#[test]
+fn equal_centers_are_named() {
+    let lattice = "centers_lower_m_s = [-1.0, -1.0, -1.0]\ncenters_upper_m_s = [1.0, 1.0, 1.0]\ncenters_per_axis = [3, 3, 3]\n";
+    let listed = "centers_listed_m_s = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 0.0, 0.0]]\n";
+    assert_refused(&GOOD.replace(lattice, listed), &["centers 2 and 3", "length scale"]);
+    assert_refused(&(GOOD.to_owned() + listed), &["a lower corner", "either centers_lower_…"]);
+    assert_refused(&GOOD.replace(lattice, ""), &["found none"]);
+}
+
+#[test]
+fn a_refused_configuration_starts_nothing() {
+    let domain = TestDomain::new();
+    let mut file = tempfile::NamedTempFile::new().unwrap();
+    file.write_all(GOOD.replace("4.0", "0.0").as_bytes()).unwrap();
+    let (code, log) = Daemon::start(&domain, &["--config", file.path().to_str().unwrap()]).finish();
+    assert_eq!(code, Some(2), "{log}");
+    assert!(log.contains("line 4") && log.contains("mass_kg"), "{log}");
+    domain.assert_clean();
+
+    let (code, log) = Daemon::start(&domain, &["--config", "/nowhere/vehicle.toml"]).finish();
+    assert!(code == Some(2) && log.contains("/nowhere/vehicle.toml"), "{log}");
+    let (code, log) = Daemon::start(&domain, &["--preset", "boat"]).finish();
+    assert!(code == Some(2) && log.contains("paper-translation"), "{log}");
+    let (code, log) = Daemon::start(&domain, &["--instance", "a/b"]).finish();
+    assert!(code == Some(2) && log.contains("letters, digits"), "{log}");
+    domain.assert_clean();
+}
+
+#[test]
+fn every_preset_prints_as_commented_toml_that_reads_back_the_same() {
+    for (name, _) in PRESETS {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_daemon"));
+        command.args(["config", "--preset", name]);
+        let (code, text, log) = finished(command.output().unwrap());
+        assert_eq!(code, Some(0), "{log}");
+        let read = ConfigFile::parse("printed".into(), text.clone())
+            .unwrap_or_else(|error| panic!("{error}\n{text}"));
+        assert_eq!(read.config, ConfigFile::preset(name).unwrap().config);
+        read.observer().unwrap();
+        for line in text.lines().filter(|line| line.contains(" = ")) {
+            let above = text.lines().take_while(|other| other != &line).last().unwrap();
+            assert!(above.starts_with('#'), "{name}: no comment above: {line}");
+        }
+    }
+}

@@ -1,0 +1,59 @@
+//! Between wake-up and publication nothing is allocated, with real ports and samples of every kind.
+
+mod common;
+
+use allocation_counter::measure;
+use common::TestDomain;
+use daemon::config::ConfigFile;
+use daemon::cycle::{Cycle, LoopRings, WakeUp};
+use daemon::ports::LoopPorts;
+use shared_types::Measurement;
+use shared_types::clock::monotonic_ns;
+
+#[test]
+fn a_tick_allocates_only_in_its_slack() {
+    let domain = TestDomain::new();
+    let file = ConfigFile::preset("rigid-body").unwrap();
+    let (records, _records) = rtrb::RingBuffer::new(100_000);
+    let (_commands, commands) = rtrb::RingBuffer::new(8);
+    let rings = LoopRings { records, commands };
+    let ports = LoopPorts::make(&domain.domain, "vehicle").unwrap();
+    let mut cycle = Cycle::new(&file.config, file.observer().unwrap(), ports, rings);
+    let client = domain.client();
+    let sensors = client.measurement_publisher().unwrap();
+    let mut estimates = client.estimate_subscriber().unwrap();
+
+    // The slack before the first sample maps the new source's segment.
+    cycle.rest();
+    let (mut in_ticks, mut in_slack, mut published) = (0, 0, 0);
+    for j in 0..2000_u64 {
+        let t = j as f64 * 0.005;
+        // Stamps of their own pace: what happens in a tick does not depend on the clock.
+        let stamp_ns = monotonic_ns();
+        let sample = Measurement::at(stamp_ns, j)
+            .with_velocity_m_s([t.sin(), t.cos(), 0.1])
+            .with_angular_velocity_rad_s([0.1, 0.2, 0.3])
+            .with_attitude_wxyz([1.0, 0.0, 0.0, 0.0])
+            .with_force_n([1.0, 2.0, 3.0]);
+        match j % 10 {
+            0..=5 => drop(sensors.publish(&sample).unwrap()),
+            6 => drop(sensors.publish(&sample.with_velocity_m_s([f64::NAN; 3])).unwrap()),
+            // Several at once, and none at all.
+            7 => (0..3).for_each(|i| {
+                let sample = Measurement { stamp_ns: stamp_ns + i, sequence: j + i, ..sample };
+                sensors.publish(&sample).unwrap();
+            }),
+            _ => {}
+        }
+        let wake_ns = monotonic_ns();
+        let tick = measure(|| cycle.serve(WakeUp { wake_ns, deadline_ns: Some(wake_ns) }));
+        in_ticks += tick.count_total;
+        in_slack += measure(|| cycle.rest()).count_total;
+        while estimates.take().unwrap().is_some() {
+            published += 1;
+        }
+    }
+    assert!(published > 1900, "{published}");
+    assert!(in_slack >= 2000, "the counter sees the loans, {in_slack}");
+    assert_eq!(in_ticks, 0);
+}

@@ -1,0 +1,402 @@
+//! The service as its users meet it: a real process, real shared memory, good and bad input.
+
+mod common;
+
+use common::{Daemon, PATIENCE, TestDomain, daemon_command, finished, is_finite, wait_until};
+use iceoryx2::prelude::*;
+use rustix::process::Signal;
+use shared_types::client::Latest;
+use shared_types::clock::monotonic_ns;
+use shared_types::payload::{Rejection, command, outcome, status_bits};
+use shared_types::{Client, ClientError, Estimate, Measurement, service};
+use std::os::unix::fs::PermissionsExt;
+use std::time::Duration;
+
+fn moving(sequence: u64) -> Measurement {
+    let t = sequence as f64 * 0.005;
+    Measurement::at(monotonic_ns(), sequence)
+        .with_velocity_m_s([t.sin(), t.cos(), 0.5])
+        .with_angular_velocity_rad_s([0.1, 0.2 * t.sin(), 0.0])
+        .with_attitude_wxyz([1.0, 0.0, 0.0, 0.0])
+        .with_force_n([0.0, 0.0, -19.62])
+}
+
+fn newest(latest: &mut Latest<Estimate>) -> Estimate {
+    latest.peek().unwrap().unwrap_or_default()
+}
+
+fn period() {
+    std::thread::sleep(Duration::from_millis(5));
+}
+
+#[test]
+fn samples_go_in_and_estimates_come_out() {
+    let domain = TestDomain::new();
+    let daemon = Daemon::start(&domain, &[]);
+    let client = domain.client();
+    let sensors = client.measurement_publisher().unwrap();
+    let mut estimates = client.estimate_subscriber().unwrap();
+    let mut latest = client.latest_estimate().unwrap();
+    let waiting = estimates.wait_next(PATIENCE).unwrap();
+    assert_eq!(waiting.status & status_bits::WAITING, status_bits::WAITING);
+    assert_eq!(waiting.status & status_bits::TRACKING, 0);
+
+    let mut received: Vec<Estimate> = Vec::new();
+    for sequence in 0..200 {
+        sensors.publish(&moving(sequence)).unwrap();
+        period();
+        while let Some(estimate) = estimates.take().unwrap() {
+            received.push(estimate);
+        }
+    }
+    for pair in received.windows(2) {
+        assert_eq!(pair[1].sequence, pair[0].sequence + 1, "every tick publishes once");
+        assert!(pair[1].stamp_ns > pair[0].stamp_ns);
+        assert!(pair[1].publish_stamp_ns >= pair[1].stamp_ns);
+    }
+    assert!(received.iter().all(is_finite));
+    let tracking = received.iter().filter(|e| e.status & status_bits::TRACKING != 0).count();
+    assert!(tracking > received.len() / 2, "{tracking} of {}", received.len());
+    let newest_one = newest(&mut latest);
+    assert!(newest_one.sequence >= received.last().unwrap().sequence);
+    assert!((newest_one.velocity_m_s[2] - 0.5).abs() < 0.2);
+
+    wait_until("the status to count the samples", || domain.status().samples_accepted == 200);
+    let status = domain.status();
+    assert_eq!((status.samples_lost, status.samples_rejected_total()), (0, 0));
+    assert_eq!(status.source_pid, u64::from(std::process::id()));
+    assert_eq!(status.other_source_pid, 0);
+    assert_eq!(status.step_ns.count, status.ticks);
+
+    // Silence: first coasting, then stale; still finite, still published.
+    wait_until("stale", || newest(&mut latest).status & status_bits::STALE != 0);
+    let stale = newest(&mut latest);
+    assert_eq!(stale.status & status_bits::COASTING, status_bits::COASTING);
+    assert_eq!(stale.status & status_bits::ADAPTING, 0);
+    assert!(is_finite(&stale));
+    drop((sensors, estimates, latest, client));
+    let (code, log) = daemon.stop();
+    assert_eq!(code, Some(0), "{log}");
+    assert!(log.contains("200 used, 0 lost, 0 rejected"), "{log}");
+    domain.assert_clean();
+}
+
+#[test]
+fn bad_samples_are_rejected_counted_and_do_no_harm() {
+    let domain = TestDomain::new();
+    let _daemon = Daemon::start(&domain, &[]);
+    let client = domain.client();
+    let sensors = client.measurement_publisher().unwrap();
+    let mut estimates = client.estimate_subscriber().unwrap();
+    let mut sequence = 0;
+    let mut send = |change: &dyn Fn(Measurement) -> Measurement| {
+        let sample = change(moving(sequence));
+        sensors.publish(&sample).unwrap();
+        sequence = sample.sequence.max(sequence) + 1;
+        period();
+        sample
+    };
+    // Gaps of 4 and 3 before the newest good one.
+    send(&|m| m);
+    send(&|m| Measurement { sequence: 5, ..m });
+    let newest = send(&|m| Measurement { sequence: 9, ..m });
+    let bad: [(&dyn Fn(Measurement) -> Measurement, Rejection); 11] = [
+        (&|m| m.with_velocity_m_s([f64::NAN; 3]), Rejection::NotFinite),
+        (&|m| m.with_torque_n_m([f64::INFINITY; 3]), Rejection::NotFinite),
+        (&|m| m.with_velocity_m_s([1e3, 0.0, 0.0]), Rejection::BeyondLimits),
+        (&|m| m.with_attitude_wxyz([2.0, 0.0, 0.0, 0.0]), Rejection::QuaternionNorm),
+        (&|m| Measurement { stamp_ns: newest.stamp_ns, ..m }, Rejection::RepeatedStamp),
+        (&|m| Measurement { stamp_ns: newest.stamp_ns - 1, ..m }, Rejection::OlderStamp),
+        (&|m| Measurement { stamp_ns: m.stamp_ns - 2_000_000_000, ..m }, Rejection::TooOld),
+        (&|m| Measurement { stamp_ns: m.stamp_ns + 3_600_000_000_000, ..m }, Rejection::FarFuture),
+        (&|m| Measurement { sequence: 7, ..m }, Rejection::SequenceBackwards),
+        (&|m| Measurement { valid: 0, ..m }, Rejection::Malformed),
+        (&|m| Measurement { velocity_frame: 7, ..m }, Rejection::Malformed),
+    ];
+    let mut expected = [0; 10];
+    for (change, reason) in bad {
+        send(change);
+        expected[reason as usize] += 1;
+    }
+    send(&|m| m);
+    wait_until("all to be counted", || domain.status().samples_rejected == expected);
+    let status = domain.status();
+    assert_eq!(status.samples_accepted, 4);
+    // 0, 5, 9 and the last: what lies between was lost, or rejected and so never accepted.
+    assert_eq!(status.samples_lost, status.newest_sequence + 1 - status.samples_accepted);
+    let mut rejected_bit = false;
+    while let Some(estimate) = estimates.take().unwrap() {
+        assert!(is_finite(&estimate));
+        rejected_bit |= estimate.status & status_bits::REJECTED_SAMPLE != 0;
+    }
+    assert!(rejected_bit);
+}
+
+#[test]
+fn a_field_that_is_missing_makes_only_its_channel_coast() {
+    let domain = TestDomain::new();
+    let _daemon = Daemon::start(&domain, &[]);
+    let client = domain.client();
+    let sensors = client.measurement_publisher().unwrap();
+    let mut latest = client.latest_estimate().unwrap();
+    let mut sequence = 0;
+    let mut seen = |with_velocity: bool, bits: u64| {
+        for _ in 0..200 {
+            let mut sample = moving(sequence);
+            if !with_velocity {
+                sample.valid &= !shared_types::payload::valid::VELOCITY;
+            }
+            sensors.publish(&sample).unwrap();
+            sequence += 1;
+            period();
+            if newest(&mut latest).status & (status_bits::COASTING | status_bits::TRACKING) == bits {
+                return true;
+            }
+        }
+        false
+    };
+    assert!(seen(true, status_bits::TRACKING));
+    assert!(seen(false, status_bits::COASTING_TRANSLATION));
+    assert!(seen(true, status_bits::TRACKING));
+}
+
+#[test]
+fn of_two_sources_the_first_wins_and_the_other_is_named() {
+    let domain = TestDomain::new();
+    let _daemon = Daemon::start(&domain, &[]);
+    let (first, second) = (domain.client(), domain.client());
+    let (a, b) = (first.measurement_publisher().unwrap(), second.measurement_publisher().unwrap());
+    for sequence in 0..40 {
+        a.publish(&moving(sequence)).unwrap();
+        period();
+        b.publish(&Measurement { sequence: 500 + sequence, ..moving(sequence) }).unwrap();
+    }
+    let own_pid = u64::from(std::process::id());
+    wait_until("both to be counted", || {
+        let status = domain.status();
+        status.samples_accepted == 40 && status.rejected(Rejection::OtherSource) == 40
+    });
+    assert_eq!(domain.status().other_source_pid, own_pid);
+    // The first falls silent: after `takeover_after_s` the other one is used.
+    std::thread::sleep(Duration::from_millis(250));
+    for sequence in 40..50 {
+        b.publish(&Measurement { sequence: 500 + sequence, ..moving(sequence) }).unwrap();
+        period();
+    }
+    wait_until("the other source to take over", || domain.status().samples_accepted == 50);
+    assert_eq!(domain.status().source_changes, 2);
+}
+
+#[test]
+fn a_source_that_starts_again_is_accepted() {
+    let domain = TestDomain::new();
+    let _daemon = Daemon::start(&domain, &[]);
+    for accepted in [30, 60] {
+        let client = domain.client();
+        let sensors = client.measurement_publisher().unwrap();
+        std::thread::sleep(Duration::from_millis(250));
+        for sequence in 0..30 {
+            sensors.publish(&moving(sequence)).unwrap();
+            period();
+        }
+        wait_until("the samples to be used", || domain.status().samples_accepted == accepted);
+        assert_eq!(domain.status().samples_lost, 0);
+    }
+}
+
+#[test]
+fn a_killed_daemon_comes_back_and_the_stream_resumes_by_itself() {
+    let domain = TestDomain::new();
+    let mut daemon = Daemon::start(&domain, &[]);
+    let client = domain.client();
+    let sensors = client.measurement_publisher().unwrap();
+    let mut estimates = client.estimate_subscriber().unwrap();
+    let mut latest = client.latest_estimate().unwrap();
+    let mut sequence = 0;
+    for _ in 0..3 {
+        let before_ns = monotonic_ns();
+        let mut fresh = false;
+        for _ in 0..1000 {
+            sensors.publish(&moving(sequence)).unwrap();
+            sequence += 1;
+            period();
+            while let Some(estimate) = estimates.take().unwrap() {
+                fresh |= estimate.source_stamp_ns > before_ns && estimate.status & status_bits::TRACKING != 0;
+            }
+            if fresh && newest(&mut latest).source_stamp_ns > before_ns {
+                break;
+            }
+        }
+        assert!(fresh, "the same ports go on");
+        assert!(newest(&mut latest).source_stamp_ns > before_ns, "and so does the newest at a glance");
+        daemon.signal(Signal::KILL);
+        daemon.finish();
+        daemon = Daemon::start(&domain, &[]);
+    }
+    drop((sensors, estimates, latest, client));
+    domain.client();
+    let (code, log) = daemon.stop();
+    assert_eq!(code, Some(0), "{log}");
+    domain.assert_clean();
+}
+
+#[test]
+fn commands_are_carried_out_and_answered() {
+    let domain = TestDomain::new();
+    let _daemon = Daemon::start(&domain, &[]);
+    let client = domain.client();
+    let sensors = client.measurement_publisher().unwrap();
+    let mut latest = client.latest_estimate().unwrap();
+    let mut sequence = 0;
+    let mut feed = |n: u64| {
+        for _ in 0..n {
+            sensors.publish(&moving(sequence)).unwrap();
+            sequence += 1;
+            period();
+        }
+    };
+    feed(100);
+    assert!(newest(&mut latest).translation.native_norm > 0.0, "it learns gravity's error");
+    let send = |kind| client.command(kind, PATIENCE).unwrap();
+    let reply = send(command::FREEZE);
+    assert_eq!((reply.outcome, reply.status.adaptation_frozen), (outcome::DONE, 1));
+    feed(20);
+    let frozen = newest(&mut latest);
+    feed(50);
+    assert_eq!(newest(&mut latest).translation.native_norm, frozen.translation.native_norm);
+    assert_ne!(newest(&mut latest).status & status_bits::FROZEN, 0);
+    assert_eq!(send(command::THAW).status.adaptation_frozen, 0);
+    feed(50);
+    assert_ne!(newest(&mut latest).translation.native_norm, frozen.translation.native_norm);
+    assert_eq!(send(command::RESET).outcome, outcome::DONE);
+    wait_until("the weights to be gone", || newest(&mut latest).translation.native_norm == 0.0);
+    assert_eq!(send(command::SAVE).outcome, outcome::REFUSED);
+    let unknown = send(99);
+    assert!(unknown.outcome == outcome::UNKNOWN && unknown.text().contains("99"));
+
+    let control = |arguments: &[&str]| finished(daemon_command(&domain, arguments).output().unwrap());
+    let (code, out, _) = control(&["control", "status"]);
+    assert!(code == Some(0) && out.contains("wake-up lateness") && out.contains("220 used"), "{out}");
+    let (_, out, _) = control(&["control", "status", "--json"]);
+    assert!(out.starts_with('{') && out.contains("\"samples_accepted\": 220"), "{out}");
+    let (code, out, _) = control(&["control", "freeze"]);
+    assert!(code == Some(0) && out.contains("frozen"), "{out}");
+    let (code, _, log) = control(&["control", "save"]);
+    assert!(code == Some(1) && log.contains("snapshots"), "{log}");
+}
+
+#[test]
+fn without_a_daemon_a_client_says_how_to_start_it() {
+    let domain = TestDomain::new();
+    let error = Client::connect(&domain.domain, "vehicle", Duration::from_millis(50)).unwrap_err();
+    assert!(matches!(error, ClientError::NoDaemon { .. }));
+    assert!(error.to_string().contains("daemon run --instance vehicle"), "{error}");
+    let (code, _, log) = finished(daemon_command(&domain, &["control", "status"]).output().unwrap());
+    assert!(code == Some(1) && log.contains("daemon run"), "{log}");
+}
+
+#[test]
+fn start_order_does_not_matter() {
+    let domain = TestDomain::new();
+    let waiting = {
+        let domain = domain.domain.clone();
+        std::thread::spawn(move || Client::connect(&domain, "vehicle", PATIENCE).map(|_| ()))
+    };
+    std::thread::sleep(Duration::from_millis(300));
+    let _daemon = Daemon::start(&domain, &[]);
+    waiting.join().unwrap().unwrap();
+}
+
+#[test]
+fn a_second_daemon_of_the_same_instance_is_told_who_runs() {
+    let domain = TestDomain::new();
+    let daemon = Daemon::start(&domain, &[]);
+    domain.client();
+    let (code, log) = Daemon::start(&domain, &[]).finish();
+    assert_eq!(code, Some(1), "{log}");
+    assert!(log.contains(&daemon.child.id().to_string()) && log.contains("--instance"), "{log}");
+    let other = Daemon::start(&domain, &["--instance", "second"]);
+    Client::connect(&domain.domain, "second", PATIENCE).unwrap();
+    assert_eq!(other.stop().0, Some(0));
+    assert_eq!(daemon.stop().0, Some(0));
+    domain.assert_clean();
+}
+
+/// Another version of the payload under the same service name.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, ZeroCopySend)]
+#[type_name("observer.Measurement.v999")]
+struct OtherMeasurement {
+    value: f64,
+}
+
+#[test]
+fn a_service_of_another_type_or_quality_is_refused_with_the_reason() {
+    for other_type in [true, false] {
+        let domain = TestDomain::new();
+        let node = {
+            let _making = domain.domain.lock_for_making().unwrap();
+            service::node(&domain.domain, "intruder").unwrap()
+        };
+        let name = "vehicle/measurement".try_into().unwrap();
+        // Held by an intruder until the end of the test.
+        let (_typed, _small);
+        if other_type {
+            let builder = node.service_builder(&name).publish_subscribe::<OtherMeasurement>();
+            _typed = builder.create().unwrap();
+        } else {
+            let builder = node.service_builder(&name).publish_subscribe::<Measurement>();
+            _small = builder.subscriber_max_buffer_size(2).create().unwrap();
+        }
+        let (code, log) = Daemon::start(&domain, &[]).finish();
+        assert_eq!(code, Some(1), "{log}");
+        assert!(log.contains("vehicle/measurement"), "{log}");
+        let reason = if other_type { "another version of the payload" } else { "other qualities of service" };
+        assert!(log.contains(reason), "{log}");
+    }
+}
+
+#[test]
+fn half_made_files_of_a_killed_process_are_cleaned_at_the_start() {
+    let domain = TestDomain::new();
+    let name = domain.root().file_name().unwrap().to_str().unwrap().to_owned();
+    let services = domain.root().join("services");
+    std::fs::create_dir(&services).unwrap();
+    // A service whose creator died before it made the file read-only, and a segment never initialised.
+    let half_made = [
+        (services.join(format!("{name}_0123456789abcdef.service")), 0o600),
+        (format!("/dev/shm/{name}_0123456789abcdef.dynamic").into(), 0o200),
+    ];
+    for (path, mode) in &half_made {
+        std::fs::write(path, "").unwrap();
+        std::fs::set_permissions(path, std::fs::Permissions::from_mode(*mode)).unwrap();
+    }
+    let daemon = Daemon::start(&domain, &[]);
+    domain.client();
+    assert!(half_made.iter().all(|(path, _)| !path.exists()));
+    assert_eq!(daemon.stop().0, Some(0));
+    domain.assert_clean();
+}
+
+#[test]
+fn another_users_directory_is_refused_by_name() {
+    let domain = TestDomain::new();
+    if !rustix::process::geteuid().is_root() {
+        println!("skipped: only root can give a directory to another user");
+        return;
+    }
+    std::os::unix::fs::chown(domain.root(), Some(12345), None).unwrap();
+    let (code, log) = Daemon::start(&domain, &[]).finish();
+    assert_eq!(code, Some(1), "{log}");
+    assert!(log.contains("user id 12345") && log.contains("--root"), "{log}");
+}
+
+#[test]
+fn ctrl_c_ends_it_cleanly_too() {
+    let domain = TestDomain::new();
+    let daemon = Daemon::start(&domain, &[]);
+    domain.client();
+    daemon.signal(Signal::INT);
+    assert_eq!(daemon.finish().0, Some(0));
+    domain.assert_clean();
+}
