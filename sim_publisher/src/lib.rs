@@ -1,1 +1,41 @@
-//! placeholder
+//! The vehicle's side of the service without a vehicle: a true plant with sensors and faults, or a recorded
+//! flight, published as live samples.
+//!
+//! | module | holds |
+//! |---|---|
+//! | [`plant`] | a rigid body under a held command, RK4; what a nominal plant leaves out of it |
+//! | [`scenario`] | four vehicles: the paper's two examples, a quadcopter, an underwater vehicle |
+//! | [`disturbance`] | coloured noise: gusts, the variation of a current |
+//! | [`sensors`] | what is measured of the truth, when, how badly, and which samples never arrive |
+//! | [`simulation`] | all of them together: an iterator over samples, without clock or files |
+//! | [`replay`] | recorded flights as samples |
+//! | [`publish`] | samples into shared memory, each at its own stamp |
+//! | [`cli`] | the program |
+//!
+//! Nothing here uses the observer's model or integrator, so that the two cannot flatter each other.
+//!
+//! ```
+//! use sim_publisher::{Scenario, Simulation, SimulationOptions};
+//!
+//! let options = SimulationOptions { duration_s: Some(1.0), ..SimulationOptions::of(Scenario::RigidBody) };
+//! let speed_m_s = |v: [f64; 3]| v.iter().map(|v| v * v).sum::<f64>().sqrt();
+//! for sample in Simulation::new(&options)? {
+//!     let (truth, measured) = (sample.truth, sample.measurement.expect("nothing is dropped by default"));
+//!     assert!((speed_m_s(truth.velocity_m_s) - speed_m_s(measured.velocity_m_s)).abs() < 0.2);
+//! }
+//! # Ok::<(), sim_publisher::SimulationError>(())
+//! ```
+
+pub mod cli;
+pub mod disturbance;
+pub mod plant;
+pub mod publish;
+pub mod replay;
+pub mod scenario;
+pub mod sensors;
+pub mod simulation;
+
+pub use cli::main_with_args;
+pub use replay::{CsvMap, Format, ImportError, RecordedFlight, read_flight};
+pub use scenario::Scenario;
+pub use simulation::{SimulatedSample, Simulation, SimulationError, SimulationOptions};

@@ -1,0 +1,430 @@
+//! The program: arguments, checked; a source of samples; publication; one line about it.
+
+use crate::publish::{Outgoing, Published, connect, publish};
+use crate::replay::{CsvMap, Format, ImportError, read_flight};
+use crate::scenario::Scenario;
+use crate::sensors::Outage;
+use crate::simulation::{DEFAULT_RATE_HZ, Simulation, SimulationError, SimulationOptions};
+use clap::{Args, Parser, Subcommand};
+use shared_types::service::ServiceError;
+use shared_types::{ClientError, Domain, DomainError};
+use signal_hook::consts::{SIGINT, SIGTERM};
+use std::ffi::OsString;
+use std::path::PathBuf;
+use std::process::ExitCode;
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+
+/// The vehicle's side of the estimation service: a simulated vehicle, or a recorded flight, as live samples.
+///
+/// Results go to stdout, the log to stderr. Exit code 0: done (Ctrl-C included); 1: failed while running;
+/// 2: wrong usage.
+#[derive(Debug, Parser)]
+#[command(
+    name = "sim_publisher",
+    version,
+    after_help = "\
+Examples:
+  sim_publisher run --scenario rigid-body
+  sim_publisher run --scenario auv --duration 120 --dropout-probability 0.02 --outage 30:2
+  sim_publisher replay --format acsl flight.log --airborne-only
+  sim_publisher replay --format csv flight.csv --column time_s=t \\
+      --column velocity_x=vx --column velocity_y=vy --column velocity_z=vz"
+)]
+struct Cli {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    /// Simulates a vehicle with its sensors and faults
+    #[command(after_help = "\
+Examples:
+  sim_publisher run --scenario translation --duration 60
+  sim_publisher run --scenario rigid-body --rate-hz 400 --jitter-us 300 --seed 7
+  sim_publisher run --scenario rigid-body --outage 10:0.5 --outage 20:1 --json")]
+    Run(RunArgs),
+    /// Plays a recorded flight
+    #[command(after_help = "\
+Examples:
+  sim_publisher replay --format acsl log_20240613_121802.log --airborne-only
+  sim_publisher replay --format csv flight.csv --map columns.toml --speed 4
+
+Keys of --column and --map (all SI; a quantity has all of its components or none):
+  time_s, or time with time_unit = s|ms|us|ns;  separator (default ,)
+  velocity_x|y|z with velocity_frame = inertial|body;  angular_velocity_x|y|z
+  position_x|y|z;  attitude_w|x|y|z;  force_x|y|z;  torque_x|y|z")]
+    Replay(ReplayArgs),
+}
+
+#[derive(Debug, Args)]
+struct TargetArgs {
+    /// Which service to feed
+    #[arg(long, value_name = "NAME", default_value = "vehicle")]
+    instance: String,
+    /// Root path of the shared memory's domain [default: $OBSERVER_ROOT, else the user's own]
+    #[arg(long, value_name = "PATH")]
+    root: Option<PathBuf>,
+    /// Print one JSON document instead of a line
+    #[arg(long)]
+    json: bool,
+}
+
+#[derive(Debug, Args)]
+struct RunArgs {
+    /// Which vehicle
+    #[arg(long, value_enum)]
+    scenario: Scenario,
+    /// Length of the run in s [default: until Ctrl-C]
+    #[arg(long, visible_alias = "duration-s", value_name = "S")]
+    duration: Option<f64>,
+    /// Rate of the samples
+    #[arg(long, value_name = "HZ", default_value_t = DEFAULT_RATE_HZ)]
+    rate_hz: f64,
+    /// Seed of all chance: the same options give the same samples
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+    /// White noise of the velocity, standard deviation of each axis [default: the scenario's]
+    #[arg(long, value_name = "M_S")]
+    velocity_noise_m_s: Option<f64>,
+    /// White noise of the angular velocity, standard deviation of each axis [default: the scenario's]
+    #[arg(long, value_name = "RAD_S")]
+    angular_velocity_noise_rad_s: Option<f64>,
+    /// Constant error of the velocity: one number for each axis, or three with commas [default: 0]
+    #[arg(long, value_name = "M_S", value_parser = parse_axes, allow_hyphen_values = true)]
+    velocity_bias_m_s: Option<[f64; 3]>,
+    /// Sample instants deviate from the even ones by up to this
+    #[arg(long, value_name = "US", default_value_t = 0.0)]
+    jitter_us: f64,
+    /// Probability that a sample is lost; its sequence is used up
+    #[arg(long, value_name = "P", default_value_t = 0.0)]
+    dropout_probability: f64,
+    /// No sample arrives from START for LENGTH seconds; may be repeated
+    #[arg(long, value_name = "START:LENGTH", value_parser = parse_outage)]
+    outage: Vec<Outage>,
+    /// Rate of noisy position fixes [default: only the start is known]
+    #[arg(long, value_name = "HZ")]
+    position_fix_hz: Option<f64>,
+    /// No gusts, no variation of the current
+    #[arg(long)]
+    calm: bool,
+    #[command(flatten)]
+    target: TargetArgs,
+}
+
+#[derive(Debug, Args)]
+struct ReplayArgs {
+    /// How the flight is written
+    #[arg(long, value_enum)]
+    format: Format,
+    /// The recorded flight
+    file: PathBuf,
+    /// How many times faster than it was flown; stamps keep the flight's own time
+    #[arg(long, value_name = "X", default_value_t = 1.0)]
+    speed: f64,
+    /// Only the part in the air (acsl)
+    #[arg(long)]
+    airborne_only: bool,
+    /// Which column holds what (csv); may be repeated, and wins over --map
+    #[arg(long, value_name = "KEY=COLUMN")]
+    column: Vec<String>,
+    /// TOML file of such pairs (csv)
+    #[arg(long, value_name = "FILE")]
+    map: Option<PathBuf>,
+    #[command(flatten)]
+    target: TargetArgs,
+}
+
+/// Why the program ends without having done its work.
+#[derive(Debug, thiserror::Error)]
+enum Failure {
+    #[error(transparent)]
+    Simulation(#[from] SimulationError),
+    #[error(transparent)]
+    Import(#[from] ImportError),
+    #[error(transparent)]
+    Domain(#[from] DomainError),
+    #[error(transparent)]
+    Client(#[from] ClientError),
+    #[error("{0}")]
+    Usage(String),
+    #[error("cannot listen to signals: {0}")]
+    Signals(#[from] std::io::Error),
+}
+
+impl Failure {
+    fn exit_code(&self) -> u8 {
+        match self {
+            Self::Client(ClientError::Service(ServiceError::InstanceName(_))) => 2,
+            Self::Client(_) | Self::Signals(_) => 1,
+            Self::Simulation(_) | Self::Import(_) | Self::Domain(_) | Self::Usage(_) => 2,
+        }
+    }
+}
+
+fn parse_outage(text: &str) -> Result<Outage, String> {
+    let needed = || format!("'{text}': needed: START:LENGTH in s, for example 30:2.5");
+    let (start, length) = text.split_once(':').ok_or_else(needed)?;
+    let number = |text: &str| text.trim().parse::<f64>().map_err(|_| needed());
+    Ok(Outage { start_s: number(start)?, length_s: number(length)? })
+}
+
+fn parse_axes(text: &str) -> Result<[f64; 3], String> {
+    let numbers: Result<Vec<f64>, _> = text.split(',').map(|number| number.trim().parse()).collect();
+    match numbers.as_deref() {
+        Ok(&[each]) => Ok([each; 3]),
+        Ok(&[x, y, z]) => Ok([x, y, z]),
+        _ => Err(format!("'{text}': needed: one number, or three with commas, for example 0.1,0,0")),
+    }
+}
+
+/// Runs the program with these arguments, the program's name first.
+pub fn main_with_args(args: impl IntoIterator<Item = OsString>) -> ExitCode {
+    let cli = match Cli::try_parse_from(args) {
+        Ok(cli) => cli,
+        Err(error) => {
+            // Help and version come this way too, with code 0 and to stdout.
+            let _ = error.print();
+            return ExitCode::from(u8::try_from(error.exit_code()).unwrap_or(2));
+        }
+    };
+    let outcome = match cli.command {
+        Command::Run(args) => run(&args),
+        Command::Replay(args) => replay(&args),
+    };
+    match outcome {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(failure) => {
+            eprintln!("sim_publisher: {failure}");
+            ExitCode::from(failure.exit_code())
+        }
+    }
+}
+
+fn options(args: &RunArgs) -> SimulationOptions {
+    SimulationOptions {
+        scenario: args.scenario,
+        rate_hz: args.rate_hz,
+        duration_s: args.duration,
+        seed: args.seed,
+        velocity_noise_m_s: args.velocity_noise_m_s,
+        angular_velocity_noise_rad_s: args.angular_velocity_noise_rad_s,
+        velocity_bias_m_s: args.velocity_bias_m_s,
+        position_fix_hz: args.position_fix_hz,
+        disturbed: args.calm.then_some(false),
+        jitter_us: args.jitter_us,
+        dropout_probability: args.dropout_probability,
+        outages: args.outage.clone(),
+    }
+}
+
+fn run(args: &RunArgs) -> Result<(), Failure> {
+    let simulation = Simulation::new(&options(args))?;
+    let (name, rate_hz, seed) = (args.scenario.name(), args.rate_hz, args.seed);
+    let until = args.duration.map_or("until Ctrl-C".into(), |duration_s| format!("for {duration_s} s"));
+    let what = format!("scenario '{name}' at {rate_hz} Hz, seed {seed}, {until}");
+    let Some(published) = publish_source(&args.target, &what, simulation.map(Outgoing::from), 1.0)? else {
+        return Ok(());
+    };
+    let details = [("scenario", name.into()), ("rate_hz", rate_hz.into()), ("seed", seed.into())];
+    report(&args.target, &published, details);
+    Ok(())
+}
+
+fn replay(args: &ReplayArgs) -> Result<(), Failure> {
+    if !(args.speed > 0.0 && args.speed <= 1000.0) {
+        return Err(Failure::Usage(format!("--speed {}: needed: above 0, at most 1000", args.speed)));
+    }
+    if args.format == Format::Acsl && (args.map.is_some() || !args.column.is_empty()) {
+        return Err(Failure::Usage(
+            "--column and --map are for --format csv; an acsl log names its own columns".into(),
+        ));
+    }
+    let map = CsvMap::read(args.map.as_deref(), &args.column).map_err(ImportError::from)?;
+    let mut flight = read_flight(args.format, &args.file, &map)?;
+    let file = args.file.display().to_string();
+    if flight.skipped_rows() > 0 {
+        eprintln!("'{file}': {}", flight.skipped);
+    }
+    if flight.values_not_finite > 0 {
+        eprintln!(
+            "'{file}': {} values not finite; their fields carry no measurement",
+            flight.values_not_finite
+        );
+    }
+    if args.airborne_only {
+        flight = flight.airborne_only().ok_or_else(|| {
+            Failure::Usage(match args.format {
+                Format::Acsl => {
+                    format!("--airborne-only: '{file}' has no thrust above 5 N; leave the option out")
+                }
+                Format::Csv => {
+                    "--airborne-only: a table does not tell; cut it to the rows of the flight".into()
+                }
+            })
+        })?;
+    }
+    if args.speed != 1.0 {
+        eprintln!(
+            "stamps keep the flight's own time while it passes {} times as fast: \
+             the service must run with clock = \"samples\" in its configuration",
+            args.speed
+        );
+    }
+    let what = format!(
+        "'{file}': {} samples, {:.1} s, at {} times its speed",
+        flight.samples.len(),
+        flight.duration_s(),
+        args.speed
+    );
+    let skipped_rows = flight.skipped_rows();
+    let source = flight.samples.into_iter().map(Outgoing::from);
+    let Some(published) = publish_source(&args.target, &what, source, args.speed)? else {
+        return Ok(());
+    };
+    let details =
+        [("file", file.into()), ("speed", args.speed.into()), ("rows_skipped", skipped_rows.into())];
+    report(&args.target, &published, details);
+    Ok(())
+}
+
+/// Waits for the service and publishes; `None` where a stop came before the service, and has been reported.
+fn publish_source(
+    target: &TargetArgs,
+    what: &str,
+    source: impl Iterator<Item = Outgoing>,
+    speed: f64,
+) -> Result<Option<Published>, Failure> {
+    let domain = match &target.root {
+        Some(root) => Domain::at(root)?,
+        None => Domain::of_user()?,
+    };
+    let stop = Arc::new(AtomicBool::new(false));
+    for signal in [SIGINT, SIGTERM] {
+        signal_hook::flag::register(signal, Arc::clone(&stop))?;
+    }
+    let (instance, root) = (&target.instance, domain.root().display());
+    let client = connect(&domain, instance, &stop, || {
+        eprintln!(
+            "waiting for the service of instance '{instance}' in {root}; \
+             start it: daemon run --instance {instance} --root {root}"
+        );
+    })?;
+    let Some(client) = client else {
+        eprintln!("stopped before the service of instance '{instance}' was there; nothing was published");
+        report(target, &Published { stopped: true, ..Published::default() }, []);
+        return Ok(None);
+    };
+    eprintln!("publishing to instance '{instance}' in {root}: {what}");
+    Ok(Some(publish(&client, source, speed, &stop)?))
+}
+
+fn report<const N: usize>(
+    target: &TargetArgs,
+    published: &Published,
+    details: [(&str, serde_json::Value); N],
+) {
+    let duration_s = published.duration_ns as f64 * 1e-9;
+    if !target.json {
+        let ending = if published.stopped { ", stopped" } else { "" };
+        println!(
+            "{} samples published, {} dropped on purpose, {duration_s:.3} s, {} more than 1 ms late (at most {:.3} ms){ending}",
+            published.samples_published,
+            published.samples_dropped,
+            published.samples_late,
+            published.largest_lateness_ns as f64 * 1e-6,
+        );
+        return;
+    }
+    let mut document = serde_json::json!({
+        "samples_published": published.samples_published,
+        "samples_dropped": published.samples_dropped,
+        "samples_late": published.samples_late,
+        "largest_lateness_ns": published.largest_lateness_ns,
+        "duration_s": duration_s,
+        "start_stamp_ns": published.start_stamp_ns,
+        "stopped": published.stopped,
+    });
+    for (key, value) in details {
+        document[key] = value;
+    }
+    println!("{document}");
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::CommandFactory;
+
+    fn parsed(line: &str) -> Result<Cli, clap::Error> {
+        Cli::try_parse_from(line.split_whitespace())
+    }
+
+    fn code_of(line: &str) -> ExitCode {
+        main_with_args(line.split_whitespace().map(OsString::from))
+    }
+
+    #[test]
+    fn the_arguments_are_consistent() {
+        Cli::command().debug_assert();
+    }
+
+    #[test]
+    fn options_reach_the_simulation() {
+        let line = "sim_publisher run --scenario rigid-body --duration 2.5 --rate-hz 100 --seed 9 \
+            --velocity-noise-m-s 0.1 --angular-velocity-noise-rad-s 0.2 --velocity-bias-m-s -0.1,0,0.3 \
+            --jitter-us 50 --dropout-probability 0.1 --outage 1:0.5 --outage 2:.25 --position-fix-hz 5 --calm";
+        let Command::Run(args) = parsed(line).unwrap().command else { panic!("run") };
+        let expected = SimulationOptions {
+            scenario: Scenario::RigidBody,
+            rate_hz: 100.0,
+            duration_s: Some(2.5),
+            seed: 9,
+            velocity_noise_m_s: Some(0.1),
+            angular_velocity_noise_rad_s: Some(0.2),
+            velocity_bias_m_s: Some([-0.1, 0.0, 0.3]),
+            position_fix_hz: Some(5.0),
+            disturbed: Some(false),
+            jitter_us: 50.0,
+            dropout_probability: 0.1,
+            outages: vec![Outage { start_s: 1.0, length_s: 0.5 }, Outage { start_s: 2.0, length_s: 0.25 }],
+        };
+        assert_eq!(options(&args), expected);
+        let Command::Run(args) = parsed("sim_publisher run --scenario auv").unwrap().command else {
+            panic!("run")
+        };
+        assert_eq!(options(&args), SimulationOptions::of(Scenario::Auv));
+    }
+
+    #[test]
+    fn wrong_words_are_refused_with_what_would_be_accepted() {
+        for (line, expected) in [
+            ("sim_publisher run", "--scenario"),
+            ("sim_publisher run --scenario boat", "rigid-body"),
+            ("sim_publisher run --scenario auv --outage 3", "needed: START:LENGTH"),
+            ("sim_publisher run --scenario auv --velocity-bias-m-s 1,2", "three with commas"),
+            ("sim_publisher replay --format ulog f", "acsl"),
+        ] {
+            let message = parsed(line).unwrap_err().to_string();
+            assert!(message.contains(expected), "{message}");
+        }
+    }
+
+    #[test]
+    fn wrong_usage_ends_with_code_two_before_anything_is_opened() {
+        for line in [
+            "sim_publisher",
+            "sim_publisher run --scenario rigid-body --rate-hz 1",
+            "sim_publisher run --scenario rotation --velocity-noise-m-s 0.1",
+            "sim_publisher run --scenario auv --root relative",
+            "sim_publisher replay --format acsl /no/such.log",
+            "sim_publisher replay --format acsl /no/such.log --column time_s=t",
+            "sim_publisher replay --format csv /no/such.csv --speed 0",
+            "sim_publisher replay --format csv /no/such.csv --speed NaN",
+        ] {
+            assert_eq!(code_of(line), ExitCode::from(2), "{line}");
+        }
+        assert_eq!(code_of("sim_publisher --version"), ExitCode::SUCCESS);
+    }
+}

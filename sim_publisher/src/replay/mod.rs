@@ -1,0 +1,295 @@
+//! Recorded flights as samples.
+//!
+//! What a file holds is checked row by row: a row that cannot be used is skipped and counted, with its line and
+//! reason; a file of which nothing can be used is an error.
+
+mod acsl;
+mod table;
+
+pub use table::{CsvMap, MapError, TimeUnit, VelocityAxes};
+
+use shared_types::Measurement;
+use shared_types::payload::valid;
+use std::fmt;
+use std::ops::Range;
+use std::path::Path;
+
+/// How a recorded flight is written.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+pub enum Format {
+    /// Log of the ACSL flight stack: inertial velocity, body rates, position, attitude, thrust and torques
+    Acsl,
+    /// Any table with a line of column names; which column is what, --column or --map says
+    Csv,
+}
+
+/// Why a file cannot be replayed.
+#[derive(Debug, thiserror::Error)]
+pub enum ImportError {
+    /// The system refused.
+    #[error("cannot read '{path}': {source}")]
+    Io {
+        /// Which file.
+        path: String,
+        /// The system's reason.
+        source: std::io::Error,
+    },
+    /// The file has no bytes, or no line of names.
+    #[error("'{path}' is empty; needed: a line of column names, then rows")]
+    Empty {
+        /// Which file.
+        path: String,
+    },
+    /// A column is not there.
+    #[error("'{path}' has no column '{column}'; its columns are: {found}")]
+    MissingColumn {
+        /// Which file.
+        path: String,
+        /// What was looked for.
+        column: String,
+        /// The file's columns.
+        found: String,
+    },
+    /// No row can be used.
+    #[error("'{path}' has no usable row; {skipped}")]
+    NoUsableRow {
+        /// Which file.
+        path: String,
+        /// What was skipped, and why.
+        skipped: Skipped,
+    },
+    /// The map of columns contradicts itself or lacks something.
+    #[error(transparent)]
+    Map(#[from] MapError),
+}
+
+/// Why a row was skipped.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum SkipReason {
+    /// Fewer values than names: a truncated line.
+    TooFewValues,
+    /// A needed value is no number, or not finite.
+    NotANumber,
+    /// The time is not later than that of the row before.
+    TimeNotIncreasing,
+    /// The attitude is no unit quaternion within 5 %.
+    NoUnitQuaternion,
+    /// No field of the row has a value.
+    NothingMeasured,
+}
+
+impl SkipReason {
+    /// The reason in words.
+    pub fn words(self) -> &'static str {
+        match self {
+            Self::TooFewValues => "fewer values than column names",
+            Self::NotANumber => "a needed value is not a finite number",
+            Self::TimeNotIncreasing => "time not later than in the row before",
+            Self::NoUnitQuaternion => "attitude not of unit norm",
+            Self::NothingMeasured => "no value at all",
+        }
+    }
+}
+
+/// Rows that were skipped, by reason, each with the line of the first.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct Skipped {
+    reasons: Vec<(SkipReason, usize, u64)>,
+}
+
+impl Skipped {
+    /// How many rows, for any reason.
+    pub fn rows(&self) -> usize {
+        self.reasons.iter().map(|(_, rows, _)| rows).sum()
+    }
+
+    /// How many rows, for this reason.
+    pub fn for_reason(&self, reason: SkipReason) -> usize {
+        self.reasons.iter().find(|(known, ..)| *known == reason).map_or(0, |(_, rows, _)| *rows)
+    }
+
+    fn add(&mut self, reason: SkipReason, line: u64) {
+        match self.reasons.iter_mut().find(|(known, ..)| *known == reason) {
+            Some((_, rows, _)) => *rows += 1,
+            None => self.reasons.push((reason, 1, line)),
+        }
+    }
+}
+
+impl fmt::Display for Skipped {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{} rows skipped", self.rows())?;
+        for (index, (reason, rows, line)) in self.reasons.iter().enumerate() {
+            let separator = if index == 0 { ':' } else { ',' };
+            write!(f, "{separator} {rows} × {} (first: line {line})", reason.words())?;
+        }
+        Ok(())
+    }
+}
+
+/// A recorded flight, ready to be published.
+#[derive(Debug, Clone, PartialEq)]
+pub struct RecordedFlight {
+    /// The samples; sequences count from 0, stamps from the first sample.
+    pub samples: Vec<Measurement>,
+    /// Rows that could not be used.
+    pub skipped: Skipped,
+    /// Values that were given as not finite, and left their field without a measurement.
+    pub values_not_finite: usize,
+    /// Samples in the air, where the format tells.
+    pub airborne: Option<Range<usize>>,
+}
+
+impl RecordedFlight {
+    /// Rows that could not be used.
+    pub fn skipped_rows(&self) -> usize {
+        self.skipped.rows()
+    }
+
+    /// From the first to the last sample (s).
+    pub fn duration_s(&self) -> f64 {
+        self.samples.last().map_or(0.0, |last| last.stamp_ns as f64 * 1e-9)
+    }
+
+    /// Start and end of the time in the air (s), after the first sample.
+    pub fn airborne_s(&self) -> Option<(f64, f64)> {
+        let range = self.airborne.clone()?;
+        let stamp_s = |index: usize| self.samples.get(index).map(|sample| sample.stamp_ns as f64 * 1e-9);
+        Some((stamp_s(range.start)?, stamp_s(range.end.checked_sub(1)?)?))
+    }
+
+    /// The part in the air, as a flight of its own; `None` where the format does not tell, or nothing flew.
+    pub fn airborne_only(&self) -> Option<Self> {
+        let mut samples = self.samples.get(self.airborne.clone()?)?.to_vec();
+        let start_ns = samples.first()?.stamp_ns;
+        for (sequence, sample) in samples.iter_mut().enumerate() {
+            sample.sequence = sequence as u64;
+            sample.stamp_ns -= start_ns;
+        }
+        Some(Self { airborne: Some(0..samples.len()), samples, ..self.clone() })
+    }
+}
+
+/// Reads a recorded flight. `map` is used by [`Format::Csv`] alone.
+///
+/// # Errors
+/// `Io`, `Empty`, `MissingColumn`, `NoUsableRow` about the file; `Map` where the map is not usable.
+pub fn read_flight(format: Format, path: &Path, map: &CsvMap) -> Result<RecordedFlight, ImportError> {
+    let name = path.display().to_string();
+    let bytes = std::fs::read(path).map_err(|source| ImportError::Io { path: name.clone(), source })?;
+    match format {
+        Format::Acsl => acsl::parse(&bytes, &name),
+        Format::Csv => table::parse(&bytes, &name, map),
+    }
+}
+
+/// Collects rows into a flight: times strictly increasing, stamps relative to the first.
+#[derive(Debug, Default)]
+struct Collector {
+    samples: Vec<Measurement>,
+    skipped: Skipped,
+    values_not_finite: usize,
+    first_ns: Option<i128>,
+}
+
+impl Collector {
+    /// Adds a row taken at `time_ns`, any origin; its sequence and stamp are set here.
+    fn add(&mut self, line: u64, time_ns: i128, sample: Measurement) -> bool {
+        let accepted = self.place(time_ns, sample);
+        if let Err(reason) = accepted {
+            self.skipped.add(reason, line);
+        }
+        accepted.is_ok()
+    }
+
+    fn place(&mut self, time_ns: i128, mut sample: Measurement) -> Result<(), SkipReason> {
+        if sample.valid == 0 {
+            return Err(SkipReason::NothingMeasured);
+        }
+        if sample.has(valid::ATTITUDE) {
+            sample.attitude_wxyz = unit(sample.attitude_wxyz).ok_or(SkipReason::NoUnitQuaternion)?;
+        }
+        let first_ns = self.first_ns.unwrap_or(time_ns);
+        let stamp_ns = u64::try_from(time_ns - first_ns).map_err(|_| SkipReason::TimeNotIncreasing)?;
+        if self.samples.last().is_some_and(|previous| previous.stamp_ns >= stamp_ns) {
+            return Err(SkipReason::TimeNotIncreasing);
+        }
+        self.first_ns = Some(first_ns);
+        (sample.sequence, sample.stamp_ns) = (self.samples.len() as u64, stamp_ns);
+        self.samples.push(sample);
+        Ok(())
+    }
+
+    fn finish(self, path: &str, airborne: Option<Range<usize>>) -> Result<RecordedFlight, ImportError> {
+        let Self { samples, skipped, values_not_finite, .. } = self;
+        if samples.is_empty() {
+            return Err(ImportError::NoUsableRow { path: path.into(), skipped });
+        }
+        Ok(RecordedFlight { samples, skipped, values_not_finite, airborne })
+    }
+}
+
+/// The quaternion of unit norm, where it is one within 5 %: logs round their values.
+fn unit(wxyz: [f64; 4]) -> Option<[f64; 4]> {
+    let norm = wxyz.iter().map(|x| x * x).sum::<f64>().sqrt();
+    ((norm - 1.0).abs() < 0.05).then(|| wxyz.map(|x| x / norm))
+}
+
+/// A time as nanoseconds, exactly where it is written as a decimal: a double cannot hold today's date in ns.
+fn parse_ns(text: &str, ns_per_unit: i128) -> Option<i128> {
+    let decimal = || {
+        let (sign, digits) = match text.strip_prefix('-') {
+            Some(digits) => (-1, digits),
+            None => (1, text),
+        };
+        let (whole, fraction) = digits.split_once('.').unwrap_or((digits, ""));
+        let is_decimal = |part: &str| part.len() <= 21 && part.bytes().all(|b| b.is_ascii_digit());
+        if whole.is_empty() || !is_decimal(whole) || !is_decimal(fraction) {
+            return None;
+        }
+        let mut ns = whole.parse::<i128>().ok()? * ns_per_unit;
+        let mut place = ns_per_unit;
+        for digit in fraction.bytes() {
+            place /= 10;
+            ns += i128::from(digit - b'0') * place;
+        }
+        Some(sign * ns)
+    };
+    let rounded = || {
+        let value: f64 = text.parse().ok()?;
+        let ns = (value * ns_per_unit as f64).round();
+        (ns.abs() < 1e30).then_some(ns as i128)
+    };
+    decimal().or_else(rounded)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn times_are_exact_to_the_nanosecond() {
+        for (text, ns_per_unit, expected) in [
+            ("1718295482.836884123", 1_000_000_000, Some(1_718_295_482_836_884_123)),
+            ("1718295482836884123", 1, Some(1_718_295_482_836_884_123)),
+            ("10.0088", 1_000_000_000, Some(10_008_800_000)),
+            ("-0.5", 1_000_000_000, Some(-500_000_000)),
+            ("7", 1_000, Some(7_000)),
+            ("1.25e2", 1_000_000, Some(125_000_000)),
+            ("0.1234567890123", 1_000_000_000, Some(123_456_789)),
+            ("nan", 1, None),
+            ("inf", 1, None),
+            ("1e300", 1, None),
+            ("", 1, None),
+            ("12:30", 1, None),
+        ] {
+            assert_eq!(parse_ns(text, ns_per_unit), expected, "{text}");
+        }
+    }
+
+    #[test]
+    fn a_missing_file_is_named() {
+        let error = read_flight(Format::Acsl, Path::new("/no/such.log"), &CsvMap::default()).unwrap_err();
+        assert!(error.to_string().contains("cannot read '/no/such.log'"), "{error}");
+    }
+}

@@ -1,0 +1,476 @@
+//! Any table with a line of column names. Which column is what, a map says: on the command line or as TOML.
+
+use super::{Collector, ImportError, RecordedFlight, SkipReason, parse_ns};
+use csv::ByteRecord;
+use serde::Deserialize;
+use shared_types::Measurement;
+use std::path::Path;
+
+/// Unit of the column `time`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum TimeUnit {
+    /// Seconds.
+    #[default]
+    S,
+    /// Milliseconds.
+    Ms,
+    /// Microseconds.
+    Us,
+    /// Nanoseconds.
+    Ns,
+}
+
+impl TimeUnit {
+    fn ns(self) -> i128 {
+        match self {
+            Self::S => 1_000_000_000,
+            Self::Ms => 1_000_000,
+            Self::Us => 1_000,
+            Self::Ns => 1,
+        }
+    }
+}
+
+/// Axes of the columns `velocity_x` … `velocity_z`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum VelocityAxes {
+    /// Inertial axes.
+    #[default]
+    Inertial,
+    /// Body axes.
+    Body,
+}
+
+/// Which column holds what. All in SI units; a quantity has all of its components or none.
+#[derive(Debug, Clone, PartialEq, Default, Deserialize)]
+#[serde(deny_unknown_fields)]
+#[allow(missing_docs)] // one name of a column each, the quantity and unit as in `Measurement`
+pub struct CsvMap {
+    /// Column of the time in seconds; or `time` and `time_unit`.
+    pub time_s: Option<String>,
+    /// Column of the time, in `time_unit`.
+    pub time: Option<String>,
+    /// Unit of `time`: "s", "ms", "us" or "ns".
+    pub time_unit: Option<TimeUnit>,
+    pub velocity_x: Option<String>,
+    pub velocity_y: Option<String>,
+    pub velocity_z: Option<String>,
+    /// "inertial" (the default) or "body".
+    pub velocity_frame: Option<VelocityAxes>,
+    pub angular_velocity_x: Option<String>,
+    pub angular_velocity_y: Option<String>,
+    pub angular_velocity_z: Option<String>,
+    pub position_x: Option<String>,
+    pub position_y: Option<String>,
+    pub position_z: Option<String>,
+    pub attitude_w: Option<String>,
+    pub attitude_x: Option<String>,
+    pub attitude_y: Option<String>,
+    pub attitude_z: Option<String>,
+    pub force_x: Option<String>,
+    pub force_y: Option<String>,
+    pub force_z: Option<String>,
+    pub torque_x: Option<String>,
+    pub torque_y: Option<String>,
+    pub torque_z: Option<String>,
+    /// Between two values; ',' by default.
+    pub separator: Option<char>,
+}
+
+/// Why a map of columns cannot be used.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum MapError {
+    /// The file cannot be read.
+    #[error("cannot read the map '{path}': {reason}")]
+    Unreadable {
+        /// Which file.
+        path: String,
+        /// The system's reason.
+        reason: String,
+    },
+    /// The text is no map; the reason names line and key.
+    #[error("{place}: {reason}")]
+    NotAMap {
+        /// The file, or the option.
+        place: String,
+        /// The reason.
+        reason: String,
+    },
+    /// An option is not `KEY=COLUMN`.
+    #[error("--column '{0}': needed: KEY=COLUMN, for example velocity_x=vx")]
+    NotAPair(String),
+    /// A quantity has some of its components only.
+    #[error("column map: {quantity} has {found} but lacks {lacking}; name all of its components, or none")]
+    Partial {
+        /// Which quantity.
+        quantity: &'static str,
+        /// The components that are named.
+        found: String,
+        /// Those that are not.
+        lacking: String,
+    },
+    /// No time, or two.
+    #[error("column map: {0}; needed: either time_s=COLUMN, or time=COLUMN with time_unit = s, ms, us or ns")]
+    Time(&'static str),
+    /// Nothing that an observer could use.
+    #[error("column map: neither velocity nor angular velocity; name the columns of one of them at least")]
+    NothingMeasured,
+    /// The separator cannot separate.
+    #[error(
+        "column map: separator '{0}'; needed: one ASCII character that is no digit, letter, dot, sign or quote"
+    )]
+    Separator(char),
+}
+
+impl CsvMap {
+    /// Reads a map from a TOML file and then from `KEY=COLUMN` pairs, which win.
+    ///
+    /// # Errors
+    /// `Unreadable`, `NotAMap` and `NotAPair`, each with the place; contradictions show when the map is used.
+    pub fn read(file: Option<&Path>, pairs: &[String]) -> Result<Self, MapError> {
+        let mut table = toml::Table::new();
+        if let Some(path) = file {
+            let place = path.display().to_string();
+            let text = std::fs::read_to_string(path)
+                .map_err(|error| MapError::Unreadable { path: place.clone(), reason: error.to_string() })?;
+            let not_a_map = |error: toml::de::Error| MapError::NotAMap {
+                place: format!("map '{place}'"),
+                reason: error.to_string(),
+            };
+            // Once into the map itself, for its errors name the line; once as pairs, to be overridden.
+            toml::from_str::<Self>(&text).map_err(not_a_map)?;
+            table = toml::from_str(&text).map_err(not_a_map)?;
+        }
+        for pair in pairs {
+            let (key, column) = pair.split_once('=').ok_or_else(|| MapError::NotAPair(pair.clone()))?;
+            table.insert(key.trim().into(), toml::Value::String(column.into()));
+        }
+        table.try_into().map_err(|error: toml::de::Error| MapError::NotAMap {
+            place: "--column".into(),
+            reason: error.to_string().trim().into(),
+        })
+    }
+
+    fn time(&self) -> Result<(&str, i128), MapError> {
+        match (&self.time_s, &self.time, self.time_unit) {
+            (Some(_), Some(_), _) => Err(MapError::Time("both time_s and time are named")),
+            (Some(_), None, Some(_)) => Err(MapError::Time("time_unit is given for time_s, which is in s")),
+            (Some(column), None, None) => Ok((column, TimeUnit::S.ns())),
+            (None, Some(column), Some(unit)) => Ok((column, unit.ns())),
+            (None, Some(_), None) => Err(MapError::Time("time is named without time_unit")),
+            (None, None, _) => Err(MapError::Time("no column of the time")),
+        }
+    }
+
+    fn separator(&self) -> Result<u8, MapError> {
+        let separator = self.separator.unwrap_or(',');
+        let separates = separator == '\t'
+            || (separator.is_ascii() && !separator.is_ascii_alphanumeric() && !separator.is_ascii_control())
+                && !"\"+-.".contains(separator);
+        if separates { Ok(separator as u8) } else { Err(MapError::Separator(separator)) }
+    }
+}
+
+/// The columns of one quantity, or none.
+fn columns<'a, const N: usize>(
+    quantity: &'static str,
+    names: [(&'static str, &'a Option<String>); N],
+) -> Result<Option<[&'a str; N]>, MapError> {
+    let listed = |named: bool| {
+        let keys = names.iter().filter(|(_, column)| column.is_some() == named);
+        keys.map(|(component, _)| format!("{quantity}_{component}")).collect::<Vec<_>>().join(", ")
+    };
+    let n_named = names.iter().filter(|(_, column)| column.is_some()).count();
+    if n_named == 0 {
+        return Ok(None);
+    }
+    if n_named < N {
+        return Err(MapError::Partial { quantity, found: listed(true), lacking: listed(false) });
+    }
+    Ok(Some(names.map(|(_, column)| column.as_deref().unwrap_or_default())))
+}
+
+fn three<'a>(
+    quantity: &'static str,
+    [x, y, z]: [&'a Option<String>; 3],
+) -> Result<Option<[&'a str; 3]>, MapError> {
+    columns(quantity, [("x", x), ("y", y), ("z", z)])
+}
+
+/// Where the columns of a file are.
+struct Places {
+    time: usize,
+    ns_per_unit: i128,
+    velocity: Option<[usize; 3]>,
+    velocity_axes: VelocityAxes,
+    angular_velocity: Option<[usize; 3]>,
+    position: Option<[usize; 3]>,
+    attitude: Option<[usize; 4]>,
+    force: Option<[usize; 3]>,
+    torque: Option<[usize; 3]>,
+}
+
+impl Places {
+    fn find(map: &CsvMap, header: &ByteRecord, path: &str) -> Result<Self, ImportError> {
+        let names: Vec<_> =
+            header.iter().map(|name| String::from_utf8_lossy(name).trim().to_owned()).collect();
+        let place_of = |column: &str| {
+            names.iter().position(|name| name == column).ok_or_else(|| ImportError::MissingColumn {
+                path: path.into(),
+                column: column.into(),
+                found: names.join(", "),
+            })
+        };
+        fn all<const N: usize>(
+            columns: Option<[&str; N]>,
+            place_of: impl Fn(&str) -> Result<usize, ImportError>,
+        ) -> Result<Option<[usize; N]>, ImportError> {
+            let Some(columns) = columns else { return Ok(None) };
+            let mut places = [0; N];
+            for (place, column) in places.iter_mut().zip(columns) {
+                *place = place_of(column)?;
+            }
+            Ok(Some(places))
+        }
+        let m = map;
+        let (time, ns_per_unit) = m.time()?;
+        let velocity = three("velocity", [&m.velocity_x, &m.velocity_y, &m.velocity_z])?;
+        let angular_velocity =
+            three("angular_velocity", [&m.angular_velocity_x, &m.angular_velocity_y, &m.angular_velocity_z])?;
+        if velocity.is_none() && angular_velocity.is_none() {
+            return Err(MapError::NothingMeasured.into());
+        }
+        let position = three("position", [&m.position_x, &m.position_y, &m.position_z])?;
+        let attitude = columns(
+            "attitude",
+            [("w", &m.attitude_w), ("x", &m.attitude_x), ("y", &m.attitude_y), ("z", &m.attitude_z)],
+        )?;
+        let force = three("force", [&m.force_x, &m.force_y, &m.force_z])?;
+        let torque = three("torque", [&m.torque_x, &m.torque_y, &m.torque_z])?;
+        Ok(Self {
+            time: place_of(time)?,
+            ns_per_unit,
+            velocity: all(velocity, place_of)?,
+            velocity_axes: m.velocity_frame.unwrap_or_default(),
+            angular_velocity: all(angular_velocity, place_of)?,
+            position: all(position, place_of)?,
+            attitude: all(attitude, place_of)?,
+            force: all(force, place_of)?,
+            torque: all(torque, place_of)?,
+        })
+    }
+
+    /// Time and sample of a row; counts values that are given as not finite.
+    fn read(&self, row: &Row<'_>, not_finite: &mut usize) -> Result<(i128, Measurement), SkipReason> {
+        let time_ns = parse_ns(row.text(self.time)?, self.ns_per_unit).ok_or(SkipReason::NotANumber)?;
+        let mut sample = Measurement::default();
+        if let Some(velocity) = row.values(self.velocity, not_finite)? {
+            sample = match self.velocity_axes {
+                VelocityAxes::Inertial => sample.with_velocity_m_s(velocity),
+                VelocityAxes::Body => sample.with_body_velocity_m_s(velocity),
+            };
+        }
+        if let Some(angular_velocity) = row.values(self.angular_velocity, not_finite)? {
+            sample = sample.with_angular_velocity_rad_s(angular_velocity);
+        }
+        if let Some(position) = row.values(self.position, not_finite)? {
+            sample = sample.with_position_m(position);
+        }
+        if let Some(attitude) = row.values(self.attitude, not_finite)? {
+            sample = sample.with_attitude_wxyz(attitude);
+        }
+        if let Some(force) = row.values(self.force, not_finite)? {
+            sample = sample.with_force_n(force);
+        }
+        if let Some(torque) = row.values(self.torque, not_finite)? {
+            sample = sample.with_torque_n_m(torque);
+        }
+        Ok((time_ns, sample))
+    }
+}
+
+struct Row<'a>(&'a ByteRecord);
+
+impl Row<'_> {
+    fn text(&self, place: usize) -> Result<&str, SkipReason> {
+        let cell = self.0.get(place).ok_or(SkipReason::TooFewValues)?;
+        str::from_utf8(cell).map(str::trim).map_err(|_| SkipReason::NotANumber)
+    }
+
+    /// The values of a quantity; `None` where it has no columns, or a cell is empty or not finite.
+    fn values<const N: usize>(
+        &self,
+        places: Option<[usize; N]>,
+        not_finite: &mut usize,
+    ) -> Result<Option<[f64; N]>, SkipReason> {
+        let Some(places) = places else { return Ok(None) };
+        let (mut values, mut complete) = ([0.0f64; N], true);
+        for (value, place) in values.iter_mut().zip(places) {
+            let text = self.text(place)?;
+            if text.is_empty() {
+                complete = false;
+                continue;
+            }
+            *value = text.parse().map_err(|_| SkipReason::NotANumber)?;
+            if !value.is_finite() {
+                *not_finite += 1;
+                complete = false;
+            }
+        }
+        Ok(complete.then_some(values))
+    }
+}
+
+pub(super) fn parse(bytes: &[u8], path: &str, map: &CsvMap) -> Result<RecordedFlight, ImportError> {
+    let mut reader = csv::ReaderBuilder::new().delimiter(map.separator()?).flexible(true).from_reader(bytes);
+    let header = match reader.byte_headers() {
+        Ok(header) if !header.is_empty() => header.clone(),
+        _ => return Err(ImportError::Empty { path: path.into() }),
+    };
+    let places = Places::find(map, &header, path)?;
+    let mut flight = Collector::default();
+    let mut record = ByteRecord::new();
+    // Reading bytes of memory into a flexible record leaves no error but the end.
+    while reader.read_byte_record(&mut record).unwrap_or(false) {
+        let line = record.position().map_or(0, csv::Position::line);
+        let mut not_finite = 0;
+        match places.read(&Row(&record), &mut not_finite) {
+            Ok((time_ns, sample)) => {
+                flight.add(line, time_ns, sample);
+            }
+            Err(reason) => flight.skipped.add(reason, line),
+        }
+        flight.values_not_finite += not_finite;
+    }
+    flight.finish(path, None)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+    use shared_types::payload::{frame, valid};
+
+    fn map(pairs: &[&str]) -> CsvMap {
+        CsvMap::read(None, &pairs.iter().map(|pair| (*pair).into()).collect::<Vec<_>>()).unwrap()
+    }
+
+    fn velocity_map() -> CsvMap {
+        map(&["time_s=t", "velocity_x=vx", "velocity_y=vy", "velocity_z=vz"])
+    }
+
+    fn refused(pairs: &[&str]) -> String {
+        let map = CsvMap::read(None, &pairs.iter().map(|pair| (*pair).into()).collect::<Vec<_>>());
+        match map {
+            Ok(map) => parse(b"t,vx,vy,vz\n0,1,2,3\n", "a.csv", &map).unwrap_err().to_string(),
+            Err(error) => error.to_string(),
+        }
+    }
+
+    #[test]
+    fn every_quantity_is_taken_from_its_columns() {
+        let names = "stamp;vx;vy;vz;wx;wy;wz;px;py;pz;qw;qx;qy;qz;fx;fy;fz;tx;ty;tz;more";
+        let mut pairs = vec!["time=stamp".to_owned(), "time_unit=us".into(), "separator=;".into()];
+        pairs.push("velocity_frame=body".into());
+        for (quantity, letter) in
+            [("velocity", 'v'), ("angular_velocity", 'w'), ("position", 'p'), ("force", 'f'), ("torque", 't')]
+        {
+            pairs.extend(["x", "y", "z"].map(|axis| format!("{quantity}_{axis}={letter}{axis}")));
+        }
+        pairs.extend(["w", "x", "y", "z"].map(|axis| format!("attitude_{axis}=q{axis}")));
+        let map = CsvMap::read(None, &pairs).unwrap();
+        let text = format!(
+            "{names}\n1718295482836884;1;2;3;4;5;6;7;8;9;0;0;1;0;10;11;12;13;14;15;x\n\
+             1718295482846885;1;2;3;4;5;6;;;;0;0;-1;0;;;;13;14;15;x\n"
+        );
+        let flight = parse(text.as_bytes(), "a.csv", &map).unwrap();
+        let [first, second] = flight.samples[..] else { panic!("two rows") };
+        assert_eq!((first.valid, first.velocity_frame), (valid::ALL, frame::BODY));
+        assert_eq!((first.velocity_m_s, first.angular_velocity_rad_s), ([1., 2., 3.], [4., 5., 6.]));
+        assert_eq!((first.position_m, first.attitude_wxyz), ([7., 8., 9.], [0., 0., 1., 0.]));
+        assert_eq!((first.force_n, first.torque_n_m), ([10., 11., 12.], [13., 14., 15.]));
+        assert_eq!((second.stamp_ns, second.sequence), (10_001_000, 1));
+        assert_eq!(second.valid, valid::ALL & !valid::POSITION & !valid::FORCE);
+        assert_eq!((flight.skipped_rows(), flight.airborne), (0, None));
+    }
+
+    #[test]
+    fn empty_cells_and_nan_leave_their_field_out_and_words_their_row() {
+        let text = "t,vx,vy,vz,wx,wy,wz\n\
+                    0,1,2,3,4,5,6\n1,NaN,2,inf,4,5,6\n2,1,,3,4,5,6\n3,,,,,,\n4,word,2,3,4,5,6\n,1,2,3,4,5,6\n4,1\n2,1,2,3,4,5,6\n";
+        let rates = ["angular_velocity_x=wx", "angular_velocity_y=wy", "angular_velocity_z=wz"];
+        let both = [&["time_s=t", "velocity_x=vx", "velocity_y=vy", "velocity_z=vz"][..], &rates].concat();
+        let flight = parse(text.as_bytes(), "a.csv", &map(&both)).unwrap();
+        let fields: Vec<_> = flight.samples.iter().map(|sample| sample.valid).collect();
+        let all = valid::VELOCITY | valid::ANGULAR_VELOCITY;
+        assert_eq!(fields, [all, valid::ANGULAR_VELOCITY, valid::ANGULAR_VELOCITY]);
+        assert_eq!(flight.values_not_finite, 2);
+        for (reason, rows) in [
+            (SkipReason::NothingMeasured, 1),
+            (SkipReason::NotANumber, 2),
+            (SkipReason::TooFewValues, 1),
+            (SkipReason::TimeNotIncreasing, 1),
+        ] {
+            assert_eq!(flight.skipped.for_reason(reason), rows, "{}", reason.words());
+        }
+    }
+
+    #[test]
+    fn maps_that_cannot_be_used_say_why() {
+        let velocity = ["velocity_x=vx", "velocity_y=vy", "velocity_z=vz"];
+        let with = |more: &[&'static str]| refused(&[&velocity[..], more].concat());
+        for (message, expected) in [
+            (refused(&["time_s=t"]), "neither velocity nor angular velocity"),
+            (
+                refused(&["time_s=t", "velocity_x=vx"]),
+                "velocity has velocity_x but lacks velocity_y, velocity_z",
+            ),
+            (with(&["time_s=t", "attitude_w=q"]), "attitude has attitude_w but lacks attitude_x"),
+            (with(&[]), "no column of the time"),
+            (with(&["time=t"]), "time is named without time_unit"),
+            (with(&["time=t", "time_unit=min"]), "unknown variant `min`"),
+            (with(&["time=t", "time_s=t"]), "both time_s and time"),
+            (with(&["time_s=t", "speed=v"]), "unknown field `speed`"),
+            (with(&["time_s"]), "--column 'time_s': needed: KEY=COLUMN"),
+            (with(&["time_s=t", "separator=5"]), "separator '5'"),
+            (with(&["time_s=sec"]), "'a.csv' has no column 'sec'; its columns are: t, vx, vy, vz"),
+        ] {
+            assert!(message.contains(expected), "'{message}' lacks '{expected}'");
+        }
+    }
+
+    #[test]
+    fn a_map_file_is_overridden_by_the_command_line() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("map.toml");
+        let text = "time_s = \"t\"\nvelocity_x = \"a\"\nvelocity_y = \"vy\"\nvelocity_z = \"vz\"\n";
+        std::fs::write(&path, text).unwrap();
+        assert_eq!(CsvMap::read(Some(&path), &["velocity_x=vx".into()]).unwrap(), velocity_map());
+        std::fs::write(&path, format!("{text}velocity = \"v\"\n")).unwrap();
+        let message = CsvMap::read(Some(&path), &[]).unwrap_err().to_string();
+        assert!(message.contains("map.toml") && message.contains("line 5"), "{message}");
+        let message = CsvMap::read(Some(Path::new("/no/map.toml")), &[]).unwrap_err().to_string();
+        assert!(message.contains("cannot read the map '/no/map.toml'"), "{message}");
+    }
+
+    #[test]
+    fn empty_files_are_refused_with_a_sentence() {
+        for text in ["", "\n", "t,vx,vy,vz\n"] {
+            let message = parse(text.as_bytes(), "a.csv", &velocity_map()).unwrap_err().to_string();
+            assert!(message.contains("'a.csv'"), "{message}");
+            assert!(message.contains("is empty") || message.contains("no usable row"), "{message}");
+        }
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig { failure_persistence: None, ..ProptestConfig::default() })]
+
+        #[test]
+        fn no_bytes_make_the_parser_panic(bytes in proptest::collection::vec(any::<u8>(), 0..400)) {
+            let _ = parse(&bytes, "a.csv", &velocity_map());
+            let _ = parse(&[b"t,vx,vy,vz\n", &bytes[..]].concat(), "a.csv", &velocity_map());
+        }
+    }
+}
