@@ -1,0 +1,192 @@
+//! Errors of estimates against the truth at the same instant.
+
+use anyhow::{Context, ensure};
+use daemon::config::{ConfigFile, InputConfig};
+use daemon::cycle::to_payload;
+use daemon::gate::Gate;
+use nalgebra::{Quaternion, UnitQuaternion, Vector3};
+use serde::Serialize;
+use shared_types::payload::{Estimate, status_bits};
+use shared_types::{Measurement, Truth};
+
+/// A run as it was seen in shared memory.
+pub(super) struct Run {
+    pub(super) truths: Vec<Truth>,
+    pub(super) estimates: Vec<Estimate>,
+    measurements: Vec<Measurement>,
+}
+
+impl Run {
+    /// Keeps the estimates that have a sample in them and a truth around them.
+    pub(super) fn new(
+        truths: Vec<Truth>,
+        measurements: Vec<Measurement>,
+        mut estimates: Vec<Estimate>,
+    ) -> anyhow::Result<Self> {
+        let (first, last) =
+            truths.first().zip(truths.last()).context("no true state was seen: the vehicle did not run")?;
+        estimates.retain(|estimate| {
+            let waiting = estimate.status & status_bits::WAITING != 0;
+            !waiting && (first.stamp_ns..=last.stamp_ns).contains(&estimate.stamp_ns)
+        });
+        ensure!(!estimates.is_empty(), "no estimate was seen while the vehicle ran");
+        Ok(Self { truths, estimates, measurements })
+    }
+
+    pub(super) fn duration_s(&self) -> f64 {
+        self.seconds(self.truths[self.truths.len() - 1].stamp_ns)
+    }
+
+    /// Time since the first true state (s).
+    pub(super) fn seconds(&self, stamp_ns: u64) -> f64 {
+        stamp_ns.saturating_sub(self.truths[0].stamp_ns) as f64 / 1e9
+    }
+
+    /// The estimates that the same samples give at the same instants if nothing is learned.
+    pub(super) fn without_adaptation(&self, config: &ConfigFile) -> anyhow::Result<Vec<Estimate>> {
+        let mut observer = config.observer_without_adaptation()?;
+        let mut gate = Gate::new(InputConfig::default(), false);
+        let mut measurements = self.measurements.iter().peekable();
+        let estimates = self.estimates.iter().map(|estimate| {
+            while let Some(m) = measurements.next_if(|m| m.sequence <= estimate.source_sequence) {
+                if let Ok(accepted) = gate.judge(m, 0, 0) {
+                    observer.accept(&accepted.sample);
+                }
+            }
+            Estimate { status: estimate.status, ..to_payload(&observer.estimate(estimate.stamp_ns)) }
+        });
+        Ok(estimates.collect())
+    }
+}
+
+/// Norms of the errors of one estimate; `None` where the channel is not part of the estimate.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct ErrorNorms {
+    pub(super) position_m: Option<f64>,
+    pub(super) velocity_m_s: Option<f64>,
+    pub(super) attitude_rad: Option<f64>,
+    pub(super) angular_velocity_rad_s: Option<f64>,
+    pub(super) force_n: Option<f64>,
+    pub(super) torque_n_m: Option<f64>,
+}
+
+/// The true state at an instant, between the two published ones around it.
+pub(super) fn truth_at(truths: &[Truth], stamp_ns: u64) -> Option<Truth> {
+    let after = truths.partition_point(|truth| truth.stamp_ns < stamp_ns);
+    let b = truths.get(after)?;
+    if b.stamp_ns == stamp_ns {
+        return Some(*b);
+    }
+    let a = truths.get(after.checked_sub(1)?)?;
+    let s = (stamp_ns - a.stamp_ns) as f64 / (b.stamp_ns - a.stamp_ns) as f64;
+    let between = |a: [f64; 3], b: [f64; 3]| Vector3::from(a).lerp(&b.into(), s).into();
+    let q = quaternion(a.attitude_wxyz).nlerp(&quaternion(b.attitude_wxyz), s).coords;
+    Some(Truth {
+        stamp_ns,
+        position_m: between(a.position_m, b.position_m),
+        velocity_m_s: between(a.velocity_m_s, b.velocity_m_s),
+        attitude_wxyz: [q.w, q.x, q.y, q.z],
+        angular_velocity_rad_s: between(a.angular_velocity_rad_s, b.angular_velocity_rad_s),
+        matched_force_n: between(a.matched_force_n, b.matched_force_n),
+        matched_torque_n_m: between(a.matched_torque_n_m, b.matched_torque_n_m),
+        ..*a
+    })
+}
+
+pub(super) fn quaternion([w, x, y, z]: [f64; 4]) -> UnitQuaternion<f64> {
+    UnitQuaternion::from_quaternion(Quaternion::new(w, x, y, z))
+}
+
+/// Errors of an estimate; `None` where there is no truth at its instant.
+pub(super) fn error_at(truths: &[Truth], estimate: &Estimate) -> Option<ErrorNorms> {
+    let truth = truth_at(truths, estimate.stamp_ns)?;
+    let norm = |a: [f64; 3], b: [f64; 3]| (Vector3::from(a) - Vector3::from(b)).norm();
+    let translates = estimate.translation.error_bound > 0.0;
+    let rotates = estimate.rotation.error_bound > 0.0;
+    let translation = |error: f64| translates.then_some(error);
+    let rotation = |error: f64| rotates.then_some(error);
+    Some(ErrorNorms {
+        position_m: translation(norm(truth.position_m, estimate.position_m)),
+        velocity_m_s: translation(norm(truth.velocity_m_s, estimate.velocity_m_s)),
+        force_n: translation(norm(truth.matched_force_n, estimate.matched_force_n)),
+        attitude_rad: rotation(quaternion(truth.attitude_wxyz).angle_to(&quaternion(estimate.attitude_wxyz))),
+        angular_velocity_rad_s: rotation(norm(truth.angular_velocity_rad_s, estimate.angular_velocity_rad_s)),
+        torque_n_m: rotation(norm(truth.matched_torque_n_m, estimate.matched_torque_n_m)),
+    })
+}
+
+/// Root of the mean square, and maximum, of an error's norm.
+#[derive(Debug, Clone, Copy, Serialize)]
+pub(super) struct RmsMax {
+    pub(super) rms: f64,
+    pub(super) max: f64,
+}
+
+/// All errors of a run, over its second half: after it had time to learn.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Errors {
+    pub(super) position_m: Option<RmsMax>,
+    pub(super) velocity_m_s: Option<RmsMax>,
+    pub(super) attitude_rad: Option<RmsMax>,
+    pub(super) angular_velocity_rad_s: Option<RmsMax>,
+    pub(super) force_n: Option<RmsMax>,
+    pub(super) torque_n_m: Option<RmsMax>,
+}
+
+impl Errors {
+    pub(super) fn over_second_half(run: &Run, estimates: &[Estimate]) -> Self {
+        let half_s = run.duration_s() / 2.0;
+        let second_half = estimates.iter().filter(|estimate| run.seconds(estimate.stamp_ns) >= half_s);
+        let errors: Vec<ErrorNorms> =
+            second_half.filter_map(|estimate| error_at(&run.truths, estimate)).collect();
+        let of = |pick: fn(&ErrorNorms) -> Option<f64>| {
+            let values: Vec<f64> = errors.iter().filter_map(pick).collect();
+            let mean_square = values.iter().map(|value| value * value).sum::<f64>() / values.len() as f64;
+            let max = values.iter().copied().fold(0.0, f64::max);
+            (!values.is_empty()).then_some(RmsMax { rms: mean_square.sqrt(), max })
+        };
+        Self {
+            position_m: of(|e| e.position_m),
+            velocity_m_s: of(|e| e.velocity_m_s),
+            attitude_rad: of(|e| e.attitude_rad),
+            angular_velocity_rad_s: of(|e| e.angular_velocity_rad_s),
+            force_n: of(|e| e.force_n),
+            torque_n_m: of(|e| e.torque_n_m),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn truth(stamp_ns: u64, x: f64) -> Truth {
+        Truth { stamp_ns, position_m: [x, 0.0, 0.0], attitude_wxyz: [1.0, 0.0, 0.0, 0.0], ..Truth::default() }
+    }
+
+    #[test]
+    fn the_truth_between_two_states_is_interpolated() {
+        let truths = [truth(1000, 1.0), truth(2000, 3.0)];
+        assert_eq!(truth_at(&truths, 1250).unwrap().position_m[0], 1.5);
+        assert_eq!(truth_at(&truths, 2000).unwrap().position_m[0], 3.0);
+        assert!(truth_at(&truths, 999).is_none() && truth_at(&truths, 2001).is_none());
+    }
+
+    #[test]
+    fn errors_are_those_of_the_second_half() {
+        let truths = vec![truth(0, 0.0), truth(4_000_000_000, 0.0)];
+        let estimate = |stamp_ns: u64, x: f64| {
+            let mut estimate = Estimate { stamp_ns, position_m: [x, 0.0, 0.0], ..Estimate::default() };
+            estimate.attitude_wxyz = [1.0, 0.0, 0.0, 0.0];
+            estimate.translation.error_bound = 1.0;
+            estimate
+        };
+        let estimates =
+            [(1, 100.0), (2, 3.0), (3, 4.0)].map(|(s, x)| estimate(s * 1_000_000_000, x)).to_vec();
+        let run = Run::new(truths, Vec::new(), estimates).unwrap();
+        let errors = Errors::over_second_half(&run, &run.estimates);
+        let position = errors.position_m.unwrap();
+        assert_eq!((position.rms, position.max), (12.5_f64.sqrt(), 4.0));
+        assert!(errors.torque_n_m.is_none());
+    }
+}

@@ -1,0 +1,199 @@
+//! What the demo shows at its end: a table, a figure, or one JSON document.
+
+use super::errors::{Errors, RmsMax, Run, quaternion, truth_at};
+use crate::plot::{Line, LineStyle, Panel};
+use comfy_table::{Table, presets::UTF8_HORIZONTAL_ONLY};
+use serde_json::{Map, Value, json};
+use shared_types::Truth;
+use shared_types::payload::{Estimate, LatencySummary, Rejection, Status};
+use sim_publisher::Scenario;
+use std::path::PathBuf;
+
+/// Everything that was measured.
+pub(super) struct Report {
+    pub(super) scenario: &'static str,
+    pub(super) preset: &'static str,
+    pub(super) rate_hz: f64,
+    pub(super) duration_s: f64,
+    pub(super) samples_sent: u64,
+    pub(super) status: Status,
+    pub(super) with: Errors,
+    pub(super) without: Errors,
+}
+
+type Quantity = (&'static str, &'static str, fn(&Errors) -> Option<RmsMax>);
+
+const QUANTITIES: [Quantity; 6] = [
+    ("position (m)", "position_{}_m", |e| e.position_m),
+    ("velocity (m/s)", "velocity_{}_m_s", |e| e.velocity_m_s),
+    ("unknown force (N)", "force_{}_n", |e| e.force_n),
+    ("attitude (rad)", "attitude_{}_rad", |e| e.attitude_rad),
+    ("angular velocity (rad/s)", "angular_velocity_{}_rad_s", |e| e.angular_velocity_rad_s),
+    ("unknown torque (N·m)", "torque_{}_n_m", |e| e.torque_n_m),
+];
+
+impl Report {
+    pub(super) fn print(&self, plots: &[PathBuf]) {
+        let status = &self.status;
+        println!(
+            "{} with preset {}: {:.1} s at {} Hz, service and vehicle as two processes\n",
+            self.scenario, self.preset, self.duration_s, self.rate_hz
+        );
+        let mut errors = Table::new();
+        errors.load_style(UTF8_HORIZONTAL_ONLY);
+        errors.set_header([
+            "error, second half",
+            "RMS",
+            "max",
+            "RMS without adaptation",
+            "max without adaptation",
+        ]);
+        for (name, _, of) in QUANTITIES {
+            if let (Some(with), Some(without)) = (of(&self.with), of(&self.without)) {
+                let cells = [with.rms, with.max, without.rms, without.max].map(|value| format!("{value:.4}"));
+                errors.add_row(std::iter::once(name.to_owned()).chain(cells));
+            }
+        }
+        println!("{errors}\n");
+        println!(
+            "samples: {} sent, {} used, {} lost, {} rejected;  ticks: {}, {} deadlines missed, {} coasting",
+            self.samples_sent,
+            status.samples_accepted,
+            status.samples_lost,
+            status.samples_rejected_total(),
+            status.ticks,
+            status.deadline_misses,
+            status.ticks_coasting
+        );
+        for reason in Rejection::ALL.into_iter().filter(|&reason| status.rejected(reason) > 0) {
+            println!("  rejected: {} {}", status.rejected(reason), reason.words());
+        }
+        let mut latencies = Table::new();
+        latencies.load_style(UTF8_HORIZONTAL_ONLY);
+        latencies.set_header(["latency (µs)", "count", "p50", "p90", "p99", "p99.9", "max"]);
+        for (name, latency) in [
+            ("wake-up after the deadline", status.wake_up_lateness_ns),
+            ("step, wake-up to publication", status.step_ns),
+            ("source's stamp to publication", status.source_to_publish_ns),
+        ] {
+            let LatencySummary { count, p50, p90, p99, p999, max } = latency;
+            let us = [p50, p90, p99, p999, max].map(|ns| format!("{:.1}", ns as f64 / 1e3));
+            latencies.add_row([name.to_owned(), count.to_string()].into_iter().chain(us));
+        }
+        println!("{latencies}\n");
+        for plot in plots {
+            println!("{}", plot.display());
+        }
+    }
+
+    /// The document of `--json`; a quantity that the scenario does not have is null, with its reason.
+    pub(super) fn json(&self, plots: &[PathBuf]) -> Value {
+        let status = &self.status;
+        let mut document = Map::new();
+        let mut put = |key: String, value: Value| document.insert(key, value);
+        put("scenario".into(), self.scenario.into());
+        put("preset".into(), self.preset.into());
+        put("duration_s".into(), self.duration_s.into());
+        put("rate_hz".into(), self.rate_hz.into());
+        put("samples_sent".into(), self.samples_sent.into());
+        put("samples_used".into(), status.samples_accepted.into());
+        put("samples_lost".into(), status.samples_lost.into());
+        put("samples_rejected".into(), status.samples_rejected_total().into());
+        put("ticks".into(), status.ticks.into());
+        put("deadline_misses".into(), status.deadline_misses.into());
+        for (_, key, of) in QUANTITIES {
+            for (suffix, errors) in [("", &self.with), ("_without_adaptation", &self.without)] {
+                for (statistic, pick) in [("rms", (|e| e.rms) as fn(RmsMax) -> f64), ("max", |e| e.max)] {
+                    let key = key.replace("{}", statistic) + suffix;
+                    match of(errors) {
+                        Some(error) => put(key, pick(error).into()),
+                        None => {
+                            let reason = format!("scenario {} has no such channel", self.scenario);
+                            put(key.clone() + "_reason", reason.into());
+                            put(key, Value::Null)
+                        }
+                    };
+                }
+            }
+        }
+        let quantiles = |latency: LatencySummary| {
+            let LatencySummary { count, p50, p90, p99, p999, max } = latency;
+            json!({ "count": count, "p50": p50, "p90": p90, "p99": p99, "p999": p999, "max": max })
+        };
+        put("step_ns".into(), quantiles(status.step_ns));
+        put("wake_up_lateness_ns".into(), quantiles(status.wake_up_lateness_ns));
+        put("source_to_estimate_ns".into(), quantiles(status.source_to_publish_ns));
+        put("plots".into(), plots.iter().map(|plot| plot.display().to_string()).collect());
+        Value::Object(document)
+    }
+}
+
+/// The figure: what is estimated against what is true.
+pub(super) fn panels(run: &Run, without: &[Estimate], scenario: Scenario) -> Vec<Panel> {
+    let panel = |label: &str,
+                 of_truth: fn(&Truth) -> f64,
+                 of_estimate: fn(&Estimate) -> f64,
+                 compare: bool| {
+        let truth = run.truths.iter().map(|truth| (run.seconds(truth.stamp_ns), of_truth(truth))).collect();
+        let curve = |estimates: &[Estimate]| {
+            estimates.iter().map(|estimate| (run.seconds(estimate.stamp_ns), of_estimate(estimate))).collect()
+        };
+        let mut lines = vec![Line { label: "truth".into(), points: truth, style: LineStyle::Truth }];
+        if compare {
+            let (label, points) = ("without adaptation".into(), curve(without));
+            lines.push(Line { label, points, style: LineStyle::Comparison });
+        }
+        let (points, style) = (curve(&run.estimates), LineStyle::Estimate);
+        lines.push(Line { label: "estimate".into(), points, style });
+        Panel { y_label: label.into(), lines, log_x: false, log_y: false }
+    };
+    let error = |label: &str, of: fn(&Truth, &Estimate) -> f64| {
+        let curve = |estimates: &[Estimate]| -> Vec<(f64, f64)> {
+            let truth = |estimate: &Estimate| truth_at(&run.truths, estimate.stamp_ns);
+            let errors = estimates.iter().filter_map(|e| Some((run.seconds(e.stamp_ns), of(&truth(e)?, e))));
+            errors.collect()
+        };
+        let lines = vec![
+            Line { label: "without adaptation".into(), points: curve(without), style: LineStyle::Comparison },
+            Line { label: "estimate".into(), points: curve(&run.estimates), style: LineStyle::Estimate },
+        ];
+        Panel { y_label: label.into(), lines, log_x: false, log_y: false }
+    };
+    let translation = || {
+        vec![
+            panel("position x (m)", |t| t.position_m[0], |e| e.position_m[0], true),
+            panel("velocity x (m/s)", |t| t.velocity_m_s[0], |e| e.velocity_m_s[0], false),
+            panel("unknown force x (N)", |t| t.matched_force_n[0], |e| e.matched_force_n[0], false),
+            panel("unknown force y (N)", |t| t.matched_force_n[1], |e| e.matched_force_n[1], false),
+            panel("unknown force z (N)", |t| t.matched_force_n[2], |e| e.matched_force_n[2], false),
+            error("position error (m)", |t, e| norm(t.position_m, e.position_m)),
+        ]
+    };
+    let rotation = || {
+        vec![
+            panel("roll (rad)", |t| euler(t.attitude_wxyz, 0), |e| e.euler_rad[0], false),
+            panel("pitch (rad)", |t| euler(t.attitude_wxyz, 1), |e| e.euler_rad[1], false),
+            panel("yaw (rad)", |t| euler(t.attitude_wxyz, 2), |e| e.euler_rad[2], false),
+            panel("rate x (rad/s)", |t| t.angular_velocity_rad_s[0], |e| e.angular_velocity_rad_s[0], false),
+            panel("torque x (N·m)", |t| t.matched_torque_n_m[0], |e| e.matched_torque_n_m[0], false),
+        ]
+    };
+    match scenario {
+        Scenario::Translation => translation(),
+        Scenario::Rotation => rotation(),
+        Scenario::RigidBody | Scenario::Auv => {
+            let mut panels = translation();
+            panels.push(panel("roll (rad)", |t| euler(t.attitude_wxyz, 0), |e| e.euler_rad[0], false));
+            panels
+        }
+    }
+}
+
+fn norm(a: [f64; 3], b: [f64; 3]) -> f64 {
+    (0..3).map(|axis| (a[axis] - b[axis]).powi(2)).sum::<f64>().sqrt()
+}
+
+fn euler(attitude_wxyz: [f64; 4], axis: usize) -> f64 {
+    let (roll, pitch, yaw) = quaternion(attitude_wxyz).euler_angles();
+    [roll, pitch, yaw][axis]
+}
