@@ -1,14 +1,15 @@
 //! `bench replay`: how well the observer predicts a recorded flight, beside a Kalman filter.
 //!
 //! On the same samples, over the second half of the time in the air: the error of the next sample's
-//! prediction, and the error after a coast of 0.5 s with the recorded commands, started every 0.25 s.
-//! The Kalman filter's q is swept, and each of its columns shows the best of all q: in its favour.
+//! prediction, and the error after a coast of 0.5 s with the recorded commands, started every 0.25 s; and
+//! the same coasts over the whole flight but its first 2 s, learning as it goes. The Kalman filter's q is
+//! swept, and each of its columns shows the best of all q: in its favour.
 
 use crate::kalman::KalmanFilter;
 use crate::plot::{self, Line, LineStyle, Panel};
 use anyhow::{Context, ensure};
 use clap::Args;
-use comfy_table::{Table, presets::UTF8_HORIZONTAL_ONLY};
+use comfy_table::{Table, presets::UTF8_FULL_CONDENSED};
 use daemon::config::{ConfigFile, InputConfig};
 use daemon::gate::Gate;
 use nalgebra::Vector3;
@@ -21,6 +22,8 @@ use std::path::PathBuf;
 const COAST_S: f64 = 0.5;
 /// From one coast's start to the next (s).
 const COAST_EVERY_S: f64 = 0.25;
+/// Coasts over the whole flight start after this (s).
+const LEARN_IN_S: f64 = 2.0;
 /// Variance of the velocity measurement that the filter is told (m²/s²). Only q/r matters in the long run.
 const KALMAN_NOISE_M2_S2: f64 = 0.01;
 /// Densities of the filter's random-walk force (N²/s).
@@ -60,10 +63,13 @@ struct Row {
     estimator: &'static str,
     one_step_rms_m_s: f64,
     coast_rms_m_s: f64,
+    whole_flight_coast_rms_m_s: f64,
     #[serde(skip_serializing_if = "Option::is_none")]
     one_step_q_n2_s: Option<f64>,
     #[serde(skip_serializing_if = "Option::is_none")]
     coast_q_n2_s: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    whole_flight_coast_q_n2_s: Option<f64>,
 }
 
 /// What `--json` prints.
@@ -124,12 +130,15 @@ pub fn run(arguments: &ReplayArguments) -> anyhow::Result<()> {
         kalman.iter().min_by(|(_, a), (_, b)| of(a).total_cmp(&of(b))).expect("at least one density")
     };
     let (best_step, best_coast) = (best(|a| a.one_step_rms_m_s), best(|a| a.coast_rms_m_s));
+    let best_whole = best(|a| a.whole_flight_coast_rms_m_s);
     let row = |estimator, accuracy: &Accuracy| Row {
         estimator,
         one_step_rms_m_s: accuracy.one_step_rms_m_s,
         coast_rms_m_s: accuracy.coast_rms_m_s,
+        whole_flight_coast_rms_m_s: accuracy.whole_flight_coast_rms_m_s,
         one_step_q_n2_s: None,
         coast_q_n2_s: None,
+        whole_flight_coast_q_n2_s: None,
     };
     let document = Document {
         file: arguments.file.display().to_string(),
@@ -146,8 +155,10 @@ pub fn run(arguments: &ReplayArguments) -> anyhow::Result<()> {
                 estimator: "kalman",
                 one_step_rms_m_s: best_step.1.one_step_rms_m_s,
                 coast_rms_m_s: best_coast.1.coast_rms_m_s,
+                whole_flight_coast_rms_m_s: best_whole.1.whole_flight_coast_rms_m_s,
                 one_step_q_n2_s: Some(best_step.0),
                 coast_q_n2_s: Some(best_coast.0),
+                whole_flight_coast_q_n2_s: Some(best_whole.0),
             },
         ],
     };
@@ -164,7 +175,8 @@ pub fn run(arguments: &ReplayArguments) -> anyhow::Result<()> {
 fn print_table(document: &Document) {
     println!(
         "{} with {}: {} samples used, {} rejected, {} rows skipped\n\
-         RMS of the velocity error's norm over the last {:.1} s in the air; {} coasts of {COAST_S} s, one every {COAST_EVERY_S} s",
+         RMS of the velocity error's norm over the last {:.1} s in the air; {} coasts of {COAST_S} s, one every {COAST_EVERY_S} s\n\
+         (and coasts over the whole flight but its first {LEARN_IN_S} s)",
         document.file,
         document.configuration,
         document.samples,
@@ -174,17 +186,18 @@ fn print_table(document: &Document) {
         document.coasts,
     );
     let mut table = Table::new();
-    table.load_style(UTF8_HORIZONTAL_ONLY);
-    table.set_header(["estimator", "next sample (m/s)", "0.5 s coast (m/s)"]);
+    table.load_style(UTF8_FULL_CONDENSED);
+    table.set_header(["estimator", "next sample (m/s)", "0.5 s coast (m/s)", "coast, whole flight (m/s)"]);
     for row in &document.rows {
         let with_q = |value: f64, q: Option<f64>| match q {
-            Some(q) => format!("{value:.4}  (best q = {q} N²/s)"),
+            Some(q) => format!("{value:.4}  (q = {q} N²/s)"),
             None => format!("{value:.4}"),
         };
         table.add_row([
             row.estimator.to_owned(),
             with_q(row.one_step_rms_m_s, row.one_step_q_n2_s),
             with_q(row.coast_rms_m_s, row.coast_q_n2_s),
+            with_q(row.whole_flight_coast_rms_m_s, row.whole_flight_coast_q_n2_s),
         ]);
     }
     println!("{table}");
@@ -306,15 +319,21 @@ where
 struct Accuracy {
     one_step_rms_m_s: f64,
     coast_rms_m_s: f64,
-    /// Of each coast: stamp and predicted velocity at its start, its end and in between.
+    whole_flight_coast_rms_m_s: f64,
+    /// Of each coast of the second half: stamp and predicted velocity at its start, its end and in between.
     coasts: Vec<Vec<(u64, Vector3<f64>)>>,
 }
 
 fn evaluate(flight: &Flight, mut estimator: impl Estimator) -> anyhow::Result<Accuracy> {
     let mut one_step = MeanSquare::default();
+    let mut whole_flight = MeanSquare::default();
     let mut coast = MeanSquare::default();
     let mut coasts = Vec::new();
-    let mut next_coast_ns = flight.samples[flight.half].stamp_ns;
+    let every_ns = (COAST_EVERY_S * 1e9) as u64;
+    let half_ns = flight.samples[flight.half].stamp_ns;
+    // The grid of starts has a point at the beginning of the second half.
+    let learned_in_ns = flight.samples[0].stamp_ns + (LEARN_IN_S * 1e9) as u64;
+    let mut next_ns = half_ns - half_ns.saturating_sub(learned_in_ns) / every_ns * every_ns;
     for (index, sample) in flight.samples.iter().enumerate() {
         let predicted = estimator.predict(sample.stamp_ns);
         let measured = flight.velocity(index);
@@ -322,15 +341,23 @@ fn evaluate(flight: &Flight, mut estimator: impl Estimator) -> anyhow::Result<Ac
             one_step.add(&(predicted - measured));
         }
         estimator.take(sample)?;
-        if sample.stamp_ns >= next_coast_ns && measured.is_some() {
+        if sample.stamp_ns >= next_ns && measured.is_some() {
             if let Some((path, error)) = coast_from(flight, index, estimator.clone())? {
-                coast.add(&error);
-                coasts.push(path);
+                whole_flight.add(&error);
+                if sample.stamp_ns >= half_ns {
+                    coast.add(&error);
+                    coasts.push(path);
+                }
             }
-            next_coast_ns += (COAST_EVERY_S * 1e9) as u64;
+            next_ns += every_ns;
         }
     }
-    Ok(Accuracy { one_step_rms_m_s: one_step.root(), coast_rms_m_s: coast.root(), coasts })
+    Ok(Accuracy {
+        one_step_rms_m_s: one_step.root(),
+        coast_rms_m_s: coast.root(),
+        whole_flight_coast_rms_m_s: whole_flight.root(),
+        coasts,
+    })
 }
 
 type Path = Vec<(u64, Vector3<f64>)>;

@@ -66,28 +66,38 @@ pub struct Client {
     node: Node,
     domain: Domain,
     instance: String,
+    patience: Duration,
 }
 
 impl Client {
-    /// Connects to the daemon of `instance`; waits up to `patience` for it to start.
+    /// Connects to the daemon of `instance`; waits up to `patience` for it to start, here and whenever a
+    /// port is opened while the daemon is away.
     ///
     /// # Errors
     /// `NoDaemon` after `patience`; `Service` where what exists does not fit (type, version, owner).
     pub fn connect(domain: &Domain, instance: &str, patience: Duration) -> Result<Self, ClientError> {
-        let start = Instant::now();
+        service::check_instance_name(instance)?;
         let node = {
             let _making = domain.lock_for_making()?;
             service::node(domain, "client")?
         };
-        let client = Self { node, domain: domain.clone(), instance: instance.into() };
+        let client = Self { node, domain: domain.clone(), instance: instance.into(), patience };
+        // The last service that the daemon makes.
+        client.open(|services| services.open_estimate())?;
+        Ok(client)
+    }
+
+    /// Opens a service as soon as the daemon has made it.
+    fn open<T>(&self, open: impl Fn(&Services<'_>) -> Result<T, ServiceError>) -> Result<T, ClientError> {
+        let start = Instant::now();
+        let services = Services::of(&self.node, &self.instance)?;
         loop {
-            // The last service that the daemon makes.
-            match client.services()?.open_estimate() {
-                Ok(_) => return Ok(client),
-                Err(ServiceError::Missing(_)) if start.elapsed() < patience => {
+            match open(&services) {
+                Ok(service) => return Ok(service),
+                Err(ServiceError::Missing(_)) if start.elapsed() < self.patience => {
                     std::thread::sleep(Duration::from_millis(10));
                 }
-                Err(ServiceError::Missing(_)) => return Err(client.no_daemon(start)),
+                Err(ServiceError::Missing(_)) => return Err(self.no_daemon(start)),
                 Err(error) => return Err(error.into()),
             }
         }
@@ -99,10 +109,6 @@ impl Client {
             root: self.domain.root().display().to_string(),
             waited_s: since.elapsed().as_secs_f64(),
         }
-    }
-
-    fn services(&self) -> Result<Services<'_>, ClientError> {
-        Ok(Services::of(&self.node, &self.instance)?)
     }
 
     fn publisher<Payload: ZeroCopySend + Debug + Copy + 'static>(
@@ -137,7 +143,9 @@ impl Client {
     /// # Errors
     /// `Service` or `Port` where the service cannot be opened or has no free place.
     pub fn measurement_publisher(&self) -> Result<MeasurementPublisher, ClientError> {
-        Ok(MeasurementPublisher { publisher: self.publisher(self.services()?.open_measurement()?)? })
+        Ok(MeasurementPublisher {
+            publisher: self.publisher(self.open(|services| services.open_measurement())?)?,
+        })
     }
 
     /// The true plant's states, from a simulator.
@@ -145,7 +153,7 @@ impl Client {
     /// # Errors
     /// As [`Client::measurement_publisher`].
     pub fn truth_publisher(&self) -> Result<TruthPublisher, ClientError> {
-        Ok(TruthPublisher { publisher: self.publisher(self.services()?.open_truth()?)? })
+        Ok(TruthPublisher { publisher: self.publisher(self.open(|services| services.open_truth())?)? })
     }
 
     /// Every estimate from now on, and the newest one before; the oldest are dropped where a reader is slow.
@@ -153,7 +161,7 @@ impl Client {
     /// # Errors
     /// As [`Client::measurement_publisher`].
     pub fn estimate_subscriber(&self) -> Result<Stream<Estimate>, ClientError> {
-        self.stream("estimate", self.services()?.open_estimate()?)
+        self.stream("estimate", self.open(|services| services.open_estimate())?)
     }
 
     /// The service's status, a few times a second.
@@ -161,7 +169,7 @@ impl Client {
     /// # Errors
     /// As [`Client::measurement_publisher`].
     pub fn status_subscriber(&self) -> Result<Stream<Status>, ClientError> {
-        self.stream("status", self.services()?.open_status()?)
+        self.stream("status", self.open(|services| services.open_status())?)
     }
 
     /// Every measurement that a source publishes, for recorders.
@@ -169,7 +177,7 @@ impl Client {
     /// # Errors
     /// As [`Client::measurement_publisher`].
     pub fn measurement_subscriber(&self) -> Result<Stream<Measurement>, ClientError> {
-        self.stream("measurement", self.services()?.open_measurement()?)
+        self.stream("measurement", self.open(|services| services.open_measurement())?)
     }
 
     /// The true plant's states that a simulator publishes.
@@ -177,7 +185,7 @@ impl Client {
     /// # Errors
     /// As [`Client::measurement_publisher`].
     pub fn truth_subscriber(&self) -> Result<Stream<Truth>, ClientError> {
-        self.stream("truth", self.services()?.open_truth()?)
+        self.stream("truth", self.open(|services| services.open_truth())?)
     }
 
     /// The newest estimate at a glance, without a queue: a look costs a fraction of a microsecond.
@@ -185,7 +193,7 @@ impl Client {
     /// # Errors
     /// As [`Client::measurement_publisher`].
     pub fn latest_estimate(&self) -> Result<Latest<Estimate>, ClientError> {
-        self.latest(self.services()?.open_estimate()?)
+        self.latest(self.open(|services| services.open_estimate())?)
     }
 
     /// The newest status at a glance.
@@ -193,7 +201,7 @@ impl Client {
     /// # Errors
     /// As [`Client::measurement_publisher`].
     pub fn latest_status(&self) -> Result<Latest<Status>, ClientError> {
-        self.latest(self.services()?.open_status()?)
+        self.latest(self.open(|services| services.open_status())?)
     }
 
     /// Sends a command (one of [`crate::payload::command`]) and waits for the answer.
@@ -201,17 +209,7 @@ impl Client {
     /// # Errors
     /// `TimedOut` where no daemon answers within `patience`.
     pub fn command(&self, kind: u32, patience: Duration) -> Result<Reply, ClientError> {
-        let start = Instant::now();
-        let control = loop {
-            match self.services()?.open_control() {
-                Ok(control) => break control,
-                Err(ServiceError::Missing(_)) if start.elapsed() < patience => {
-                    std::thread::sleep(Duration::from_millis(10));
-                }
-                Err(ServiceError::Missing(_)) => return Err(self.no_daemon(start)),
-                Err(error) => return Err(error.into()),
-            }
-        };
+        let control = self.open(|services| services.open_control())?;
         let client = {
             let _making = self.domain.lock_for_making()?;
             control.client_builder().create().map_err(port_error("create client"))?

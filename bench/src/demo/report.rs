@@ -2,7 +2,7 @@
 
 use super::errors::{Errors, RmsMax, Run, quaternion, truth_at};
 use crate::plot::{Line, LineStyle, Panel};
-use comfy_table::{Table, presets::UTF8_HORIZONTAL_ONLY};
+use comfy_table::{Table, presets::UTF8_FULL_CONDENSED};
 use serde_json::{Map, Value, json};
 use shared_types::Truth;
 use shared_types::payload::{Estimate, LatencySummary, Rejection, Status};
@@ -40,7 +40,7 @@ impl Report {
             self.scenario, self.preset, self.duration_s, self.rate_hz
         );
         let mut errors = Table::new();
-        errors.load_style(UTF8_HORIZONTAL_ONLY);
+        errors.load_style(UTF8_FULL_CONDENSED);
         errors.set_header([
             "error, second half",
             "RMS",
@@ -69,7 +69,7 @@ impl Report {
             println!("  rejected: {} {}", status.rejected(reason), reason.words());
         }
         let mut latencies = Table::new();
-        latencies.load_style(UTF8_HORIZONTAL_ONLY);
+        latencies.load_style(UTF8_FULL_CONDENSED);
         latencies.set_header(["latency (µs)", "count", "p50", "p90", "p99", "p99.9", "max"]);
         for (name, latency) in [
             ("wake-up after the deadline", status.wake_up_lateness_ns),
@@ -163,9 +163,9 @@ pub(super) fn panels(run: &Run, without: &[Estimate], scenario: Scenario) -> Vec
         vec![
             panel("position x (m)", |t| t.position_m[0], |e| e.position_m[0], true),
             panel("velocity x (m/s)", |t| t.velocity_m_s[0], |e| e.velocity_m_s[0], false),
-            panel("unknown force x (N)", |t| t.matched_force_n[0], |e| e.matched_force_n[0], false),
-            panel("unknown force y (N)", |t| t.matched_force_n[1], |e| e.matched_force_n[1], false),
-            panel("unknown force z (N)", |t| t.matched_force_n[2], |e| e.matched_force_n[2], false),
+            panel("force x (N)", |t| t.matched_force_n[0], |e| e.matched_force_n[0], false),
+            panel("force y (N)", |t| t.matched_force_n[1], |e| e.matched_force_n[1], false),
+            panel("force z (N)", |t| t.matched_force_n[2], |e| e.matched_force_n[2], false),
             error("position error (m)", |t, e| norm(t.position_m, e.position_m)),
         ]
     };

@@ -1,0 +1,133 @@
+//! The commands as a user runs them.
+
+mod common;
+
+use common::{Role, TestDomain, bench, text};
+use rustix::process::{Pid, Signal, kill_process};
+use std::path::PathBuf;
+use std::process::Stdio;
+use std::time::Duration;
+
+/// Directories and segments that a demo may have left behind.
+fn demo_files() -> Vec<PathBuf> {
+    let entries = std::fs::read_dir("/dev/shm").unwrap().flatten();
+    entries
+        .filter(|e| e.file_name().to_str().is_some_and(|n| n.starts_with("demo")))
+        .map(|e| e.path())
+        .collect()
+}
+
+// One test, because another demo's files would be seen as left behind.
+#[test]
+fn the_demo_prints_one_document_and_leaves_nothing_behind() {
+    let out = tempfile::tempdir().unwrap();
+    let out_text = out.path().to_str().unwrap();
+    for scenario in ["rigid-body", "translation"] {
+        let arguments = ["demo", "--scenario", scenario, "--duration", "4", "--json", "--out", out_text];
+        let output = bench(&arguments).output().unwrap();
+        assert!(output.status.success(), "{}", text(&output.stderr));
+        let document: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+        assert_eq!(document["scenario"], scenario);
+        assert_eq!(document["samples_sent"], 800);
+        assert_eq!(
+            document["samples_used"].as_u64().unwrap() + document["samples_lost"].as_u64().unwrap(),
+            800
+        );
+        for key in ["velocity_rms_m_s", "force_rms_n"] {
+            let with = document[key].as_f64().unwrap();
+            let without = document[format!("{key}_without_adaptation")].as_f64().unwrap();
+            assert!(with < without, "{key}: {with} with, {without} without adaptation");
+        }
+        for key in ["duration_s", "rate_hz", "deadline_misses", "position_rms_m"] {
+            assert!(document[key].is_number(), "{key}");
+        }
+        for key in ["step_ns", "wake_up_lateness_ns", "source_to_estimate_ns"] {
+            for quantile in ["count", "p50", "p90", "p99", "p999", "max"] {
+                assert!(document[key][quantile].is_u64(), "{key}.{quantile}");
+            }
+        }
+        if scenario == "translation" {
+            assert!(document["torque_rms_n_m"].is_null() && document["torque_rms_n_m_reason"].is_string());
+        }
+        for extension in ["svg", "png"] {
+            let plot = out.path().join(format!("{scenario}-truth-and-estimate.{extension}"));
+            assert!(std::fs::metadata(plot).unwrap().len() > 10_000);
+        }
+        assert_eq!(demo_files(), Vec::<PathBuf>::new());
+    }
+
+    // Ctrl-C in the middle.
+    let mut command = bench(&["demo", "--duration", "60", "--out", out_text]);
+    let mut demo = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+    std::thread::sleep(Duration::from_secs(3));
+    assert!(!demo_files().is_empty(), "it runs");
+    kill_process(Pid::from_child(&demo), Signal::INT).unwrap();
+    assert!(demo.wait().unwrap().success());
+    assert_eq!(demo_files(), Vec::<PathBuf>::new());
+}
+
+#[test]
+fn wrong_usage_is_told_from_failure() {
+    let code = |arguments: &[&str]| bench(arguments).output().unwrap().status.code();
+    assert_eq!(code(&["demo", "--scenario", "boat"]), Some(2));
+    assert_eq!(code(&["demo", "--rate-hz", "0"]), Some(2));
+    assert_eq!(code(&["replay", "--format", "acsl", "/nowhere.log"]), Some(1));
+    assert_eq!(code(&["--help"]), Some(0));
+}
+
+fn recorded_flight() -> Option<PathBuf> {
+    let folder = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../shared/data/acsl");
+    let found = std::fs::read_dir(&folder).into_iter().flatten().flatten().map(|entry| entry.path());
+    let found = found.filter(|path| path.extension().is_some_and(|e| e == "log")).min();
+    if found.is_none() {
+        println!("skipped: no recorded flight in {}", folder.display());
+    }
+    found
+}
+
+/// The prototype's figures on this flight: 0.069 m/s for the next sample, 0.169 m/s after a coast of 0.5 s.
+#[test]
+fn the_recorded_flight_is_predicted_as_well_as_by_the_prototype() {
+    let Some(file) = recorded_flight() else { return };
+    let output = bench(&["replay", "--format", "acsl", file.to_str().unwrap(), "--json"]).output().unwrap();
+    assert!(output.status.success(), "{}", text(&output.stderr));
+    let document: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    let row = |estimator: &str| {
+        let rows = document["rows"].as_array().unwrap();
+        let row = rows.iter().find(|row| row["estimator"] == estimator).unwrap();
+        [row["one_step_rms_m_s"].as_f64().unwrap(), row["coast_rms_m_s"].as_f64().unwrap()]
+    };
+    let [one_step, coast] = row("observer");
+    assert!(one_step <= 0.069 && coast <= 0.169, "{one_step} {coast}");
+    let [_, coast_without] = row("observer-without-adaptation");
+    assert!(coast < coast_without / 2.0, "{coast} with, {coast_without} without adaptation");
+    assert!(row("kalman").iter().all(|error| error.is_finite()));
+}
+
+/// The lab's flight as live samples through a live service.
+#[test]
+fn the_recorded_flight_plays_through_the_service() {
+    let Some(file) = recorded_flight() else { return };
+    let domain = TestDomain::new();
+    let config = tempfile::NamedTempFile::new().unwrap();
+    let preset = daemon::config::PRESETS.iter().find(|(name, _)| *name == "acsl-x8").unwrap().1;
+    std::fs::write(config.path(), format!("clock = \"samples\"\n{preset}")).unwrap();
+    let daemon = Role::start(&domain, &["daemon", "run", "--config", config.path().to_str().unwrap()]);
+    let client = shared_types::Client::connect(&domain.domain, "vehicle", Duration::from_secs(10)).unwrap();
+    let arguments =
+        ["sim_publisher", "replay", "--format", "acsl", "--airborne-only", "--speed", "4", "--json"];
+    let replay = Role::start(&domain, &[&arguments, [file.to_str().unwrap()].as_slice()].concat());
+    let replay = replay.finish(Duration::from_secs(30));
+    assert!(replay.status.success(), "{}", text(&replay.stderr));
+    let sent: serde_json::Value = serde_json::from_slice(&replay.stdout).unwrap();
+    std::thread::sleep(Duration::from_millis(100));
+    let reply = client.command(shared_types::payload::command::STATUS, Duration::from_secs(5)).unwrap();
+    assert_eq!(reply.status.samples_accepted, sent["samples_published"].as_u64().unwrap());
+    assert_eq!(reply.status.samples_rejected_total(), 0);
+    let estimate = client.latest_estimate().unwrap().peek().unwrap();
+    drop(client);
+    assert!(daemon.stop().status.success());
+    if let Some(estimate) = estimate {
+        assert!(estimate.velocity_m_s.iter().all(|v| v.is_finite()));
+    }
+}

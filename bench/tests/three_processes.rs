@@ -1,0 +1,164 @@
+//! Daemon, vehicle and reader as three processes: every sample is accounted for, and whoever is killed at
+//! any time comes back without a hand's help.
+
+mod common;
+
+use common::{Role, TestDomain, text};
+use rustix::process::Signal;
+use shared_types::Client;
+use shared_types::clock::monotonic_ns;
+use shared_types::payload::{Estimate, Status, command, status_bits};
+use std::time::{Duration, Instant};
+
+const PATIENCE: Duration = Duration::from_secs(10);
+
+fn status(client: &Client) -> Status {
+    client.command(command::STATUS, PATIENCE).unwrap().status
+}
+
+fn is_finite(estimate: &Estimate) -> bool {
+    let vectors = [
+        estimate.position_m,
+        estimate.velocity_m_s,
+        estimate.euler_rad,
+        estimate.angular_velocity_rad_s,
+        estimate.matched_force_n,
+        estimate.matched_torque_n_m,
+    ];
+    vectors.iter().flatten().chain(&estimate.attitude_wxyz).all(|value| value.is_finite())
+}
+
+/// Runs the vehicle and reads beside it; what the vehicle says it sent, and what was read.
+fn exchange(duration_s: u64, vehicle: &[&str]) -> (serde_json::Value, Status, Vec<Estimate>) {
+    let domain = TestDomain::new();
+    let daemon = Role::start(&domain, &["daemon", "run", "--preset", "rigid-body", "--rate-hz", "1000"]);
+    let client = Client::connect(&domain.domain, "vehicle", PATIENCE).unwrap();
+    let mut estimates = client.estimate_subscriber().unwrap();
+    let duration = duration_s.to_string();
+    let arguments = ["sim_publisher", "run", "--scenario", "rigid-body", "--rate-hz", "1000", "--json"];
+    let arguments = [&arguments, ["--duration", &duration].as_slice(), vehicle].concat();
+    let mut vehicle = Role::start(&domain, &arguments);
+    let mut received = Vec::new();
+    while vehicle.0.try_wait().unwrap().is_none() {
+        while let Some(estimate) = estimates.take().unwrap() {
+            received.push(estimate);
+        }
+        std::thread::sleep(Duration::from_millis(2));
+    }
+    let sent = vehicle.finish(PATIENCE);
+    assert!(sent.status.success(), "{}", text(&sent.stderr));
+    std::thread::sleep(Duration::from_millis(200));
+    let status = status(&client);
+    drop((estimates, client));
+    let daemon = daemon.stop();
+    assert!(daemon.status.success(), "{}", text(&daemon.stderr));
+    (serde_json::from_slice(&sent.stdout).unwrap(), status, received)
+}
+
+fn assert_accounted_for(sent: &serde_json::Value, status: &Status, received: &[Estimate]) {
+    let published = sent["samples_published"].as_u64().unwrap();
+    let dropped = sent["samples_dropped"].as_u64().unwrap();
+    println!(
+        "sent {published}, dropped on purpose {dropped}; used {}, lost {}, rejected {}; {} ticks, {} missed",
+        status.samples_accepted,
+        status.samples_lost,
+        status.samples_rejected_total(),
+        status.ticks,
+        status.deadline_misses
+    );
+    assert_eq!(status.samples_rejected_total(), 0);
+    // Every sequence number up to the newest was used or counted as lost; after it nothing was sent.
+    assert_eq!(status.samples_accepted + status.samples_lost, status.newest_sequence + 1);
+    let trailing = published + dropped - (status.newest_sequence + 1);
+    assert!(trailing <= dropped, "{trailing} samples after the newest one used");
+    assert!(status.samples_accepted <= published);
+    assert!(received.iter().all(is_finite));
+    let gaps = received.windows(2).filter(|pair| pair[1].sequence != pair[0].sequence + 1).count();
+    assert_eq!(gaps, 0, "the reader missed estimates");
+    assert!(received.iter().any(|estimate| estimate.status & status_bits::TRACKING != 0));
+}
+
+#[test]
+fn a_minute_at_one_kilohertz_is_accounted_for() {
+    let (sent, status, received) = exchange(60, &[]);
+    assert_eq!(sent["samples_published"], 60_000);
+    assert_accounted_for(&sent, &status, &received);
+    assert_eq!(status.samples_accepted + status.samples_lost, 60_000);
+    assert!(received.len() > 30_000, "{}", received.len());
+}
+
+#[test]
+fn samples_that_are_dropped_on_the_way_are_counted_as_lost() {
+    let faults = ["--dropout-probability", "0.02", "--outage", "2:0.5", "--jitter-us", "200"];
+    let (sent, status, received) = exchange(6, &faults);
+    assert!(sent["samples_dropped"].as_u64().unwrap() > 500);
+    assert_accounted_for(&sent, &status, &received);
+    assert!(status.samples_lost > 500 && status.ticks_coasting > 400);
+}
+
+/// Waits until an estimate holds a sample that was stamped after now.
+fn assert_resumes(client: &Client, what: &str) -> Duration {
+    let start = Instant::now();
+    let now_ns = monotonic_ns();
+    let mut latest = client.latest_estimate().unwrap();
+    loop {
+        let estimate = latest.peek().unwrap().unwrap_or_default();
+        if estimate.source_stamp_ns > now_ns {
+            assert!(is_finite(&estimate));
+            return start.elapsed();
+        }
+        assert!(start.elapsed() < PATIENCE, "after {what}: the stream does not resume");
+        std::thread::sleep(Duration::from_millis(1));
+    }
+}
+
+/// Kills daemon and vehicle in turn, at instants from within their start-up to steady running.
+fn kill_at_any_time(kills: u64) {
+    let domain = TestDomain::new();
+    let start_daemon = || Role::start(&domain, &["daemon", "run", "--preset", "rigid-body"]);
+    let start_vehicle = || Role::start(&domain, &["sim_publisher", "run", "--scenario", "rigid-body"]);
+    let (mut daemon, mut vehicle) = (start_daemon(), start_vehicle());
+    let client = Client::connect(&domain.domain, "vehicle", PATIENCE).unwrap();
+    assert_resumes(&client, "the first start");
+    let mut slowest = Duration::ZERO;
+    for kill in 0..kills {
+        // Twice within the start of a process, where half-made files are left, then once while it runs.
+        let during_start_us = [kill * 7919 % 12_000, kill * 104_729 % 40_000];
+        if kill % 2 == 0 {
+            daemon.kill();
+            for after_us in during_start_us {
+                let short_lived = start_daemon();
+                std::thread::sleep(Duration::from_micros(after_us));
+                short_lived.kill();
+            }
+            daemon = start_daemon();
+        } else {
+            vehicle.kill();
+            for after_us in during_start_us {
+                let short_lived = start_vehicle();
+                std::thread::sleep(Duration::from_micros(after_us));
+                short_lived.kill();
+            }
+            vehicle = start_vehicle();
+        }
+        slowest = slowest
+            .max(assert_resumes(&client, if kill % 2 == 0 { "the daemon's death" } else { "the vehicle's" }));
+    }
+    println!("{kills} × 3 kills; the slowest return took {:.2} s", slowest.as_secs_f64());
+    drop(client);
+    vehicle.signal(Signal::TERM);
+    assert!(vehicle.finish(PATIENCE).status.success());
+    assert!(daemon.stop().status.success());
+    assert_eq!(domain.domain.segments().unwrap(), Vec::<std::path::PathBuf>::new());
+}
+
+#[test]
+fn whoever_is_killed_comes_back() {
+    kill_at_any_time(10);
+}
+
+#[test]
+#[ignore = "takes minutes; run: cargo test --release -p bench --test three_processes -- --ignored"]
+fn whoever_is_killed_a_thousand_times_comes_back() {
+    kill_at_any_time(334);
+}
