@@ -27,7 +27,8 @@ const LEARN_IN_S: f64 = 2.0;
 /// Variance of the velocity measurement that the filter is told (m²/s²). Only q/r matters in the long run.
 const KALMAN_NOISE_M2_S2: f64 = 0.01;
 /// Densities of the filter's random-walk force (N²/s).
-const KALMAN_DENSITIES_N2_S: [f64; 11] = [0.01, 0.1, 0.3, 1.0, 3.0, 10.0, 100.0, 1e3, 1e4, 1e5, 1e6];
+const KALMAN_DENSITIES_N2_S: [f64; 14] =
+    [0.01, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0, 300.0, 1e3, 3e3, 1e4, 1e5, 1e6];
 
 /// Arguments of `bench replay`.
 #[derive(Debug, Args)]

@@ -10,7 +10,7 @@ use clap::{Args, Parser, Subcommand, ValueEnum};
 use comfy_table::{Table, presets::NOTHING};
 use shared_types::payload::{LatencySummary, Rejection, Status, command, outcome};
 use shared_types::{Client, ClientError, Domain, DomainError};
-use signal_hook::consts::{SIGINT, SIGTERM};
+use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 use std::ffi::OsString;
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -149,7 +149,7 @@ fn run(design: &DesignArguments, place: &PlaceArguments) -> anyhow::Result<()> {
     let config = design.read()?;
     let domain = place.domain()?;
     let stop = Arc::new(AtomicBool::new(false));
-    for signal in [SIGINT, SIGTERM] {
+    for signal in [SIGINT, SIGTERM, SIGHUP] {
         signal_hook::flag::register(signal, Arc::clone(&stop)).context("register signal handler")?;
     }
     let service = Service::start(&config, &domain, &place.instance)?;

@@ -8,7 +8,7 @@ use crate::simulation::{DEFAULT_RATE_HZ, Simulation, SimulationError, Simulation
 use clap::{Args, Parser, Subcommand};
 use shared_types::service::ServiceError;
 use shared_types::{ClientError, Domain, DomainError};
-use signal_hook::consts::{SIGINT, SIGTERM};
+use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 use std::ffi::OsString;
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -301,7 +301,7 @@ fn publish_source(
         None => Domain::of_user()?,
     };
     let stop = Arc::new(AtomicBool::new(false));
-    for signal in [SIGINT, SIGTERM] {
+    for signal in [SIGINT, SIGTERM, SIGHUP] {
         signal_hook::flag::register(signal, Arc::clone(&stop))?;
     }
     let (instance, root) = (&target.instance, domain.root().display());
@@ -314,10 +314,15 @@ fn publish_source(
     let Some(client) = client else {
         eprintln!("stopped before the service of instance '{instance}' was there; nothing was published");
         report(target, &Published { stopped: true, ..Published::default() }, []);
+        domain.remove_if_unused()?;
         return Ok(None);
     };
     eprintln!("publishing to instance '{instance}' in {root}: {what}");
-    Ok(Some(publish(&client, source, speed, &stop)?))
+    let published = publish(&client, source, speed, &stop)?;
+    drop(client);
+    // The last one of a domain leaves nothing behind; while the service runs this does nothing.
+    domain.remove_if_unused()?;
+    Ok(Some(published))
 }
 
 fn report<const N: usize>(

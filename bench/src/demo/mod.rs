@@ -16,7 +16,7 @@ use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use processes::{Child, OwnDomain};
 use shared_types::payload::{Estimate, Status, command, status_bits};
 use shared_types::{Client, Measurement, Truth};
-use signal_hook::consts::{SIGINT, SIGTERM};
+use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 use sim_publisher::Scenario;
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -81,7 +81,7 @@ pub fn run(arguments: &DemoArguments) -> anyhow::Result<()> {
         .with_context(|| format!("cannot make the output directory {}", arguments.out.display()))?;
 
     let stop = Arc::new(AtomicBool::new(false));
-    for signal in [SIGINT, SIGTERM] {
+    for signal in [SIGINT, SIGTERM, SIGHUP] {
         signal_hook::flag::register(signal, Arc::clone(&stop)).context("register signal handler")?;
     }
     let recording = record(arguments, preset, &config, &stop)?;
@@ -181,15 +181,7 @@ fn record(
         serde_json::from_str(&vehicle.finish()?).context("read the vehicle's summary")?;
     recording.samples_sent =
         summary["samples_published"].as_u64().context("the vehicle's summary has no samples")?;
-    // Ctrl-C reaches the daemon too: then there is nobody left to ask.
-    recording.status = match client.command(command::STATUS, Duration::from_secs(2)) {
-        Ok(reply) => reply.status,
-        Err(error) if stop.load(Ordering::Relaxed) => {
-            eprintln!("bench: the service had ended before its status could be read: {error}");
-            Status::default()
-        }
-        Err(error) => return Err(error.into()),
-    };
+    recording.status = client.command(command::STATUS, PATIENCE)?.status;
     drop((measured, true_states, estimated, client));
     daemon.terminate();
     daemon.finish()?;

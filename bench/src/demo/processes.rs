@@ -5,6 +5,7 @@ use rustix::process::{Pid, Signal, kill_process};
 use shared_types::Domain;
 use std::fs::File;
 use std::io::{Read, Seek};
+use std::os::unix::process::CommandExt;
 use std::process::{Command, Stdio};
 
 /// A domain that is removed at the end.
@@ -53,6 +54,8 @@ impl Child {
             .stdin(Stdio::null())
             .stdout(output.try_clone()?)
             .stderr(log.try_clone()?)
+            // A group of its own: Ctrl-C reaches the demo alone, which then ends its processes in order.
+            .process_group(0)
             .spawn()
             .with_context(|| format!("start {name}"))?;
         Ok(Self { name, process, output, log })
