@@ -103,6 +103,7 @@ pub struct Cycle {
     connect_every: u64,
     counters: Counters,
     frozen: bool,
+    newest_arrival_ns: Option<u64>,
     record: Option<TickRecord>,
 }
 
@@ -131,6 +132,7 @@ impl Cycle {
             connect_every: ticks(CONNECT_EVERY_S),
             counters: Counters::default(),
             frozen: false,
+            newest_arrival_ns: None,
             record: None,
         }
     }
@@ -184,9 +186,11 @@ impl Cycle {
                 Ok(Accepted { sample, lost, new_source }) => {
                     self.observer.accept(&sample);
                     self.counters.samples_accepted += 1;
-                    self.counters.samples_lost += lost;
+                    // A forged sequence may claim any gap.
+                    self.counters.samples_lost = self.counters.samples_lost.saturating_add(lost);
                     self.counters.source_changes += u64::from(new_source);
                     new_sample = true;
+                    self.newest_arrival_ns = Some(wake_ns);
                 }
                 Err(reason) => {
                     self.counters.samples_rejected[reason as usize] += 1;
@@ -206,7 +210,12 @@ impl Cycle {
             self.counters.state_resets += 1;
             status |= status_bits::DIVERGED;
         }
-        let age_ns = source_stamp_ns.map(|source_stamp_ns| wake_ns.saturating_sub(source_stamp_ns));
+        // Where samples are the clock, their stamps say nothing about now: their arrival does.
+        let seen_ns = match self.clock {
+            Clock::Monotonic => source_stamp_ns,
+            Clock::Samples => self.newest_arrival_ns,
+        };
+        let age_ns = seen_ns.map(|seen_ns| wake_ns.saturating_sub(seen_ns));
         status |= self.status_of(&state, age_ns);
         let mut estimate = to_payload(&state);
         estimate.sequence = self.counters.ticks;
@@ -260,6 +269,8 @@ impl Cycle {
                 LoopCommand::Reset => {
                     self.observer.reset();
                     self.observer.keep_good_copy();
+                    self.gate.forget();
+                    self.newest_arrival_ns = None;
                 }
                 LoopCommand::Freeze => self.frozen = true,
                 LoopCommand::Thaw => self.frozen = false,

@@ -7,6 +7,9 @@ use observer::{Sample, Velocity};
 use shared_types::Measurement;
 use shared_types::payload::{Rejection, frame, valid};
 
+/// Where samples are the clock, one that jumps further ahead is rejected (s): it would make all that follow
+/// look old.
+const LONGEST_JUMP_S: f64 = 60.0;
 /// A unit quaternion's norm may be off by this much: single precision and a little more.
 const QUATERNION_NORM_TOLERANCE: f64 = 1e-3;
 
@@ -61,6 +64,11 @@ impl Gate {
         Ok(accepted)
     }
 
+    /// Starts again with whatever comes next.
+    pub fn forget(&mut self) {
+        (self.newest, self.other_source) = (None, None);
+    }
+
     /// The source in use.
     pub fn source(&self) -> Option<u128> {
         self.newest.map(|newest| newest.source)
@@ -92,7 +100,13 @@ impl Gate {
                 return Err(Rejection::TooOld);
             }
         }
-        let Some(newest) = self.newest else { return Ok(first_of_source) };
+        let Some(newest) = self.newest else {
+            // No clock has run for a century: arithmetic with such a stamp would overflow.
+            return if m.stamp_ns < u64::MAX / 4 { Ok(first_of_source) } else { Err(Rejection::FarFuture) };
+        };
+        if !self.check_clock && m.stamp_ns > newest.stamp_ns.saturating_add(nanoseconds(LONGEST_JUMP_S)) {
+            return Err(Rejection::FarFuture);
+        }
         if source != newest.source {
             let silent_ns = m.stamp_ns.saturating_sub(newest.stamp_ns);
             let may_take_over = match self.limits.source {
@@ -307,5 +321,12 @@ mod tests {
         let mut gate = Gate::new(InputConfig::default(), false);
         assert_accepted(gate.judge(&sample(0), 1, 0), 0, true);
         assert_accepted(gate.judge(&sample(1000), 1, 0), 999, false);
+        // But not so far that all later ones would look old.
+        assert_rejected(gate.judge(&sample(20_000), 1, 0), Rejection::FarFuture);
+        assert_rejected(
+            gate.judge(&Measurement { stamp_ns: u64::MAX, ..sample(1001) }, 1, 0),
+            Rejection::FarFuture,
+        );
+        assert_accepted(gate.judge(&sample(1001), 1, 0), 0, false);
     }
 }

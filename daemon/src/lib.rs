@@ -70,7 +70,7 @@ impl StartError {
 #[derive(Debug)]
 pub struct Service {
     domain: Domain,
-    _claim: InstanceClaim,
+    claim: Option<InstanceClaim>,
     stop_loop: Arc<AtomicBool>,
     stop_attendant: Arc<AtomicBool>,
     loop_thread: Option<JoinHandle<()>>,
@@ -94,7 +94,7 @@ impl Service {
 
         let mut service = Self {
             domain: domain.clone(),
-            _claim: claim,
+            claim: Some(claim),
             stop_loop: Arc::default(),
             stop_attendant: Arc::default(),
             loop_thread: None,
@@ -131,6 +131,7 @@ impl Service {
         // The attendant ends last: its last status covers the last tick.
         self.stop_attendant.store(true, Ordering::Relaxed);
         let status = self.attendant_thread.take().and_then(|thread| thread.join().ok());
+        self.claim = None;
         // A domain still in use, or locked by a starting process, stays.
         let _ = self.domain.remove_if_unused();
         status

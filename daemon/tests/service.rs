@@ -286,6 +286,33 @@ fn commands_are_carried_out_and_answered() {
 }
 
 #[test]
+fn a_state_beyond_its_limits_is_put_back_and_counted() {
+    let domain = TestDomain::new();
+    let preset = daemon::config::PRESETS[0].1;
+    let config = tempfile::NamedTempFile::new().unwrap();
+    // The learned force passes this soon: gravity is in the preset, and no thrust is commanded.
+    std::fs::write(config.path(), format!("{preset}\n[input]\nmax_force_n = 2.0\n")).unwrap();
+    let _daemon = Daemon::start(&domain, &["--config", config.path().to_str().unwrap()]);
+    let client = domain.client();
+    let sensors = client.measurement_publisher().unwrap();
+    let mut estimates = client.estimate_subscriber().unwrap();
+    for sequence in 0..300 {
+        sensors
+            .publish(&Measurement::at(monotonic_ns(), sequence).with_velocity_m_s([0.5, 0.0, 0.0]))
+            .unwrap();
+        period();
+    }
+    wait_until("resets", || domain.status().state_resets > 0);
+    let mut diverged = 0;
+    while let Some(estimate) = estimates.take().unwrap() {
+        let force = estimate.matched_force_n.iter().map(|f| f * f).sum::<f64>().sqrt();
+        assert!(is_finite(&estimate) && force <= 2.0, "{force}");
+        diverged += u64::from(estimate.status & status_bits::DIVERGED != 0);
+    }
+    assert!(diverged > 0);
+}
+
+#[test]
 fn without_a_daemon_a_client_says_how_to_start_it() {
     let domain = TestDomain::new();
     let error = Client::connect(&domain.domain, "vehicle", Duration::from_millis(50)).unwrap_err();

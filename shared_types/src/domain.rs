@@ -13,12 +13,14 @@ use std::fs::{self, File, OpenOptions};
 use std::io::{self, Read, Seek, Write};
 use std::os::unix::fs::{DirBuilderExt, MetadataExt, OpenOptionsExt, PermissionsExt};
 use std::path::{Path, PathBuf};
-use std::time::{Duration, SystemTime};
+use std::time::{Duration, Instant, SystemTime};
 
 /// Environment variable that names the default root path.
 pub const ROOT_VARIABLE: &str = "OBSERVER_ROOT";
 
 const SEGMENTS: &str = "/dev/shm";
+const MAKING_LOCK: &str = "making.lock";
+const CLAIM_SUFFIX: &str = ".claim";
 /// Unix sockets live below the root path: a longer one does not fit their address.
 const LONGEST_ROOT_BYTES: usize = 44;
 const LOCK_PATIENCE: Duration = Duration::from_secs(10);
@@ -136,20 +138,18 @@ impl Domain {
     /// `Root` where the path belongs to another user, `Locked` where another process makes something for
     /// longer than 10 s, `Io` where the system refuses.
     pub fn lock_for_making(&self) -> Result<MakingLock, DomainError> {
-        self.make_root()?;
-        let path = self.root.join("making.lock");
-        let deadline = std::time::Instant::now() + LOCK_PATIENCE;
+        let deadline = Instant::now() + LOCK_PATIENCE;
         let file = loop {
-            match take_lock(&path)? {
+            match self.take_lock(MAKING_LOCK)? {
                 Ok(file) => break file,
-                Err(holder) if std::time::Instant::now() > deadline => {
-                    let (what, remedy) = (
-                        format!("the domain's lock '{}'", path.display()),
-                        format!(
+                Err(holder) if Instant::now() > deadline => {
+                    return Err(DomainError::Locked {
+                        what: format!("the lock '{}'", self.root.join(MAKING_LOCK).display()),
+                        remedy: format!(
                             "it should last milliseconds: look at that process, and stop it if it hangs (kill {holder})"
                         ),
-                    );
-                    return Err(DomainError::Locked { what, holder, remedy });
+                        holder,
+                    });
                 }
                 Err(_) => std::thread::sleep(Duration::from_millis(2)),
             }
@@ -163,9 +163,7 @@ impl Domain {
     /// # Errors
     /// `Locked` where a living process holds the name.
     pub fn claim_instance(&self, instance: &str) -> Result<InstanceClaim, DomainError> {
-        self.make_root()?;
-        let path = self.root.join(format!("{instance}.lock"));
-        match take_lock(&path)? {
+        match self.take_lock(&format!("{instance}{CLAIM_SUFFIX}"))? {
             Ok(file) => Ok(InstanceClaim { _file: file }),
             Err(holder) => Err(DomainError::Locked {
                 what: format!("instance '{instance}' in {}", self.root.display()),
@@ -175,6 +173,48 @@ impl Domain {
                 holder,
             }),
         }
+    }
+
+    /// The locked file with our process id in it, or the process id of the holder.
+    ///
+    /// The last process of a domain removes its files: a lock on a removed file protects nothing, so the
+    /// file is opened again until the locked one is the one that is there.
+    fn take_lock(&self, name: &str) -> Result<Result<File, String>, DomainError> {
+        let path = self.root.join(name);
+        loop {
+            self.make_root()?;
+            let mut options = OpenOptions::new();
+            options.read(true).write(true).create(true).truncate(false).mode(0o640);
+            let mut file = match options.open(&path) {
+                Err(error) if error.kind() == io::ErrorKind::NotFound => continue,
+                file => file.map_err(io_error("open lock file", &path))?,
+            };
+            match flock(&file, FlockOperation::NonBlockingLockExclusive) {
+                Ok(()) if !is_still_at(&file, &path) => {}
+                Ok(()) => {
+                    file.set_len(0).and_then(|()| file.rewind()).map_err(io_error("write", &path))?;
+                    write!(file, "{}", std::process::id()).map_err(io_error("write", &path))?;
+                    return Ok(Ok(file));
+                }
+                Err(rustix::io::Errno::WOULDBLOCK | rustix::io::Errno::INTR) => {
+                    let mut holder = String::new();
+                    file.read_to_string(&mut holder).map_err(io_error("read", &path))?;
+                    return Ok(Err(if holder.is_empty() { "unknown".into() } else { holder }));
+                }
+                Err(error) => return Err(io_error("lock", &path)(error.into())),
+            }
+        }
+    }
+
+    /// Whether a service holds an instance of this domain.
+    fn has_claims(&self) -> Result<bool, DomainError> {
+        for claim in files_where(&self.root, |name| name.ends_with(CLAIM_SUFFIX))? {
+            let file = File::open(&claim).map_err(io_error("open lock file", &claim))?;
+            if flock(&file, FlockOperation::NonBlockingLockExclusive).is_err() {
+                return Ok(true);
+            }
+        }
+        Ok(false)
     }
 
     /// Removes every file of the domain. Only when no process uses it any more.
@@ -203,7 +243,7 @@ impl Domain {
             return Ok(());
         }
         let _making = self.lock_for_making()?;
-        let mut in_use = false;
+        let mut in_use = self.has_claims()?;
         let listed = Node::<ipc::Service>::list(&self.config(), |node| {
             in_use |= !matches!(node, NodeState::Dead(_));
             CallbackProgression::Continue
@@ -294,28 +334,6 @@ pub struct InstanceClaim {
     _file: File,
 }
 
-/// The locked file with our process id in it, or the process id of the holder.
-fn take_lock(path: &Path) -> Result<Result<File, String>, DomainError> {
-    let mut options = OpenOptions::new();
-    options.read(true).write(true).create(true).truncate(false).mode(0o640);
-    let mut file = options.open(path).map_err(io_error("open lock file", path))?;
-    match flock(&file, FlockOperation::NonBlockingLockExclusive) {
-        // The last process of a domain removes its files: a lock on a removed one protects nothing.
-        Ok(()) if !is_still_at(&file, path) => take_lock(path),
-        Ok(()) => {
-            file.set_len(0).and_then(|()| file.rewind()).map_err(io_error("write", path))?;
-            write!(file, "{}", std::process::id()).map_err(io_error("write", path))?;
-            Ok(Ok(file))
-        }
-        Err(rustix::io::Errno::WOULDBLOCK | rustix::io::Errno::INTR) => {
-            let mut holder = String::new();
-            file.read_to_string(&mut holder).map_err(io_error("read", path))?;
-            Ok(Err(if holder.is_empty() { "unknown".into() } else { holder }))
-        }
-        Err(error) => Err(io_error("lock", path)(error.into())),
-    }
-}
-
 fn is_still_at(file: &File, path: &Path) -> bool {
     match (file.metadata(), fs::metadata(path)) {
         (Ok(locked), Ok(there)) => locked.ino() == there.ino() && locked.dev() == there.dev(),
@@ -324,13 +342,17 @@ fn is_still_at(file: &File, path: &Path) -> bool {
 }
 
 fn files_with_prefix(directory: &Path, prefix: &str) -> Result<Vec<PathBuf>, DomainError> {
+    files_where(directory, |name| name.starts_with(prefix))
+}
+
+fn files_where(directory: &Path, test: impl Fn(&str) -> bool) -> Result<Vec<PathBuf>, DomainError> {
     let entries = match fs::read_dir(directory) {
         Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(Vec::new()),
         entries => entries.map_err(io_error("read directory", directory))?,
     };
     Ok(entries
         .flatten()
-        .filter(|entry| entry.file_name().to_str().is_some_and(|name| name.starts_with(prefix)))
+        .filter(|entry| entry.file_name().to_str().is_some_and(&test))
         .map(|entry| entry.path())
         .collect())
 }
