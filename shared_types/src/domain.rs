@@ -1,6 +1,7 @@
 //! Which shared memory: a root path, a prefix, and the lock under which anything in it is made.
 //!
 //! Everything of one domain lies in `<root>/` (static files, sockets) and `/dev/shm/<prefix>*` (segments).
+//! Only what the domain itself makes there is ever removed.
 //! A process killed while it makes a service, a node or a port leaves a half-made file behind that would
 //! stop every later start. So whoever makes something first takes the domain's lock and removes what a
 //! dead maker left half-made.
@@ -21,8 +22,10 @@ pub const ROOT_VARIABLE: &str = "OBSERVER_ROOT";
 const SEGMENTS: &str = "/dev/shm";
 const MAKING_LOCK: &str = "making.lock";
 const CLAIM_SUFFIX: &str = ".claim";
-/// Unix sockets live below the root path: a longer one does not fit their address.
-const LONGEST_ROOT_BYTES: usize = 44;
+/// Unix sockets live below the root path, the prefix in their names: longer ones do not fit their address.
+const LONGEST_ROOT_AND_PREFIX_BYTES: usize = 60;
+/// Directories that iceoryx2 makes below the root path.
+const DIRECTORIES: [&str; 2] = ["nodes", "services"];
 const LOCK_PATIENCE: Duration = Duration::from_secs(10);
 /// A half-made file older than this has no living maker: creation takes microseconds.
 const HALF_MADE_AGE: Duration = Duration::from_millis(250);
@@ -87,8 +90,8 @@ impl Domain {
         }
     }
 
-    /// The domain with this root path. Its last component becomes the prefix of all its segments, so two
-    /// domains need different last components.
+    /// The domain with this root path. The prefix of its segments is the last component and a hash of the
+    /// whole path, so that no two domains share segments.
     ///
     /// # Errors
     /// `Root` where the path is relative, too long for a socket address, or has characters that a file name
@@ -104,17 +107,21 @@ impl Domain {
         if !root.is_absolute() || name.is_empty() {
             return Err(refuse("not an absolute path".into(), "for example /dev/shm/flight1"));
         }
-        if text.len() > LONGEST_ROOT_BYTES {
-            let found = format!("{} bytes long", text.len());
-            return Err(refuse(
-                found,
-                &format!("at most {LONGEST_ROOT_BYTES} bytes, because sockets live below it"),
-            ));
-        }
         if !name.bytes().all(|b| b.is_ascii_alphanumeric() || b"-_.".contains(&b)) {
             return Err(refuse(format!("last component '{name}'"), "letters, digits, '-', '_', '.' only"));
         }
-        Ok(Self { root: root.into(), prefix: format!("{name}_") })
+        // No name contains the '~', so no prefix is the beginning of another one.
+        let prefix = format!("{name}~{:08x}_", hash(text));
+        let bytes = text.len() + prefix.len();
+        if bytes > LONGEST_ROOT_AND_PREFIX_BYTES {
+            let longest = LONGEST_ROOT_AND_PREFIX_BYTES;
+            let found = format!("it and its segments' prefix '{prefix}' are {bytes} bytes long");
+            return Err(refuse(
+                found,
+                &format!("at most {longest} bytes: sockets with both in their names live below it"),
+            ));
+        }
+        Ok(Self { root: root.into(), prefix })
     }
 
     /// The root path.
@@ -163,6 +170,8 @@ impl Domain {
     /// # Errors
     /// `Locked` where a living process holds the name.
     pub fn claim_instance(&self, instance: &str) -> Result<InstanceClaim, DomainError> {
+        // Under the domain's lock, so that nobody removes the domain, or looks at the claim, meanwhile.
+        let _making = self.lock_for_making()?;
         match self.take_lock(&format!("{instance}{CLAIM_SUFFIX}"))? {
             Ok(file) => Ok(InstanceClaim { _file: file }),
             Err(holder) => Err(DomainError::Locked {
@@ -217,7 +226,8 @@ impl Domain {
         Ok(false)
     }
 
-    /// Removes every file of the domain. Only when no process uses it any more.
+    /// Removes what the domain has made, and the root path if nothing else is in it. Only when no process
+    /// uses it any more.
     ///
     /// # Errors
     /// `Io` where the system refuses.
@@ -225,8 +235,21 @@ impl Domain {
         for segment in self.segments()? {
             remove_file(&segment)?;
         }
-        match fs::remove_dir_all(&self.root) {
-            Err(error) if error.kind() != io::ErrorKind::NotFound => {
+        for directory in DIRECTORIES.map(|name| self.root.join(name)) {
+            match fs::remove_dir_all(&directory) {
+                Err(error) if error.kind() != io::ErrorKind::NotFound => {
+                    return Err(io_error("remove directory", &directory)(error));
+                }
+                _ => {}
+            }
+        }
+        for lock in files_where(&self.root, is_lock)? {
+            remove_file(&lock)?;
+        }
+        match fs::remove_dir(&self.root) {
+            Err(error)
+                if ![io::ErrorKind::NotFound, io::ErrorKind::DirectoryNotEmpty].contains(&error.kind()) =>
+            {
                 Err(io_error("remove directory", &self.root)(error))
             }
             _ => Ok(()),
@@ -265,6 +288,17 @@ impl Domain {
             .mode(0o750)
             .create(&self.root)
             .map_err(io_error("create directory", &self.root))?;
+        let foreign = |name: &str| !is_lock(name) && !DIRECTORIES.contains(&name);
+        if files_where(&self.root, is_lock)?.is_empty()
+            && let Some(other) = files_where(&self.root, foreign)?.first()
+        {
+            return Err(DomainError::Root {
+                path: self.root.display().to_string(),
+                found: format!("a directory with other files in it ('{}')", other.display()),
+                needed: "a directory of the domain's own, empty or not there yet (--root, or OBSERVER_ROOT)"
+                    .into(),
+            });
+        }
         let owner = fs::metadata(&self.root).map_err(io_error("look at", &self.root))?.uid();
         let user = rustix::process::geteuid().as_raw();
         if owner == user {
@@ -334,6 +368,15 @@ pub struct InstanceClaim {
     _file: File,
 }
 
+fn is_lock(name: &str) -> bool {
+    name == MAKING_LOCK || name.ends_with(CLAIM_SUFFIX)
+}
+
+/// FNV-1a, 32 bits.
+fn hash(text: &str) -> u32 {
+    text.bytes().fold(0x811c_9dc5, |hash, byte| (hash ^ u32::from(byte)).wrapping_mul(0x0100_0193))
+}
+
 fn is_still_at(file: &File, path: &Path) -> bool {
     match (file.metadata(), fs::metadata(path)) {
         (Ok(locked), Ok(there)) => locked.ino() == there.ino() && locked.dev() == there.dev(),
@@ -379,7 +422,7 @@ mod tests {
         for (root, reason) in [
             ("relative/path", "not an absolute path"),
             ("/tmp/with space", "letters, digits"),
-            ("/tmp/0123456789012345678901234567890123456789", "at most 44 bytes"),
+            ("/tmp/0123456789012345678901234567890123456789", "at most 60 bytes"),
         ] {
             let error = Domain::at(Path::new(root)).unwrap_err().to_string();
             assert!(error.contains(reason), "{error}");
@@ -394,6 +437,33 @@ mod tests {
         assert!(error.contains(&std::process::id().to_string()), "{error}");
         drop(claim);
         domain.claim_instance("vehicle").unwrap();
+    }
+
+    #[test]
+    fn only_the_domains_own_files_are_removed() {
+        let (directory, domain) = temporary();
+        let precious = directory.path().join("logs");
+        fs::create_dir(&precious).unwrap();
+        // A directory that is somebody else's is refused before anything is made in it.
+        let error = domain.lock_for_making().unwrap_err().to_string();
+        assert!(error.contains("other files in it"), "{error}");
+        assert_eq!(fs::read_dir(directory.path()).unwrap().count(), 1);
+        fs::remove_dir(&precious).unwrap();
+        drop(domain.lock_for_making().unwrap());
+        fs::create_dir(&precious).unwrap();
+        let neighbour = Domain::at(
+            &directory
+                .path()
+                .with_file_name(format!("{}_2", directory.path().file_name().unwrap().to_str().unwrap())),
+        )
+        .unwrap();
+        let segment = Path::new(SEGMENTS).join(format!("{}data", neighbour.prefix));
+        File::create(&segment).unwrap();
+        domain.remove_if_unused().unwrap();
+        assert!(precious.exists() && segment.exists());
+        assert_eq!(fs::read_dir(directory.path()).unwrap().count(), 1);
+        neighbour.remove().unwrap();
+        assert!(!segment.exists());
     }
 
     #[test]

@@ -30,6 +30,11 @@ impl Attitude {
         }
     }
 
+    /// Whether an initial attitude or a fix was ever given.
+    pub(crate) fn is_known(&self) -> bool {
+        self.known
+    }
+
     /// Takes a fix, of either sign; the first one sets the attitude where no initial one was given.
     pub(crate) fn take_fix(&mut self, fix: &UnitQuaternion<f64>, until_ns: u64) {
         if self.known {

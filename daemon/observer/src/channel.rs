@@ -110,7 +110,7 @@ pub struct Learning {
     /// Whether σ was held down to keep the sampled law stable.
     pub clamped: bool,
     /// h σ Γ_f ỹ (N; N·m).
-    increment: Vector3<f64>,
+    pub(crate) increment: Vector3<f64>,
 }
 
 /// The output estimate over one step.
@@ -228,7 +228,7 @@ impl Channel {
     pub fn learning(&self, h_s: f64) -> Learning {
         let held = &self.held;
         if held.activation == 0.0 || h_s == 0.0 {
-            return Learning::default();
+            return Learning { activation: held.activation, ..Learning::default() };
         }
         let allowed = STABILITY_MARGIN * largest_learning_rate(self.gain_per_s, h_s);
         let largest_activation = allowed / (self.fastest_learning * held.squared_features);
@@ -301,12 +301,9 @@ impl Channel {
         }
     }
 
-    /// Stops or resumes learning; what was learned stays in use.
+    /// Stops or resumes learning from the next output on; what was learned stays in use.
     pub fn set_frozen(&mut self, frozen: bool) {
         self.frozen = frozen;
-        if frozen {
-            self.held.activation = 0.0;
-        }
     }
 
     /// Whether learning is stopped.

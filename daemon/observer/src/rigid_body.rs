@@ -146,11 +146,11 @@ impl RigidBodyEstimate {
 pub struct RigidBodyObserver {
     translation: Option<Timeline<Position>>,
     rotation: Option<Timeline<Attitude>>,
-    initial_attitude: UnitQuaternion<f64>,
+    initial_attitude: Option<UnitQuaternion<f64>>,
     position_fix_hold_ns: u64,
     attitude_fix_hold_ns: u64,
     /// Attitude of a body without a rotation channel: the newest fix.
-    fixed_attitude: UnitQuaternion<f64>,
+    fixed_attitude: Option<UnitQuaternion<f64>>,
     good_translation: Option<GoodCopy<Position>>,
     good_rotation: Option<GoodCopy<Attitude>>,
 }
@@ -174,8 +174,8 @@ impl<K: Kinematics> GoodCopy<K> {
         }
     }
 
-    fn restore(&self, timeline: &mut Timeline<K>, stamp_ns: u64) {
-        timeline.put_back(self.moment, stamp_ns);
+    fn restore(&self, timeline: &mut Timeline<K>) {
+        timeline.put_back(self.moment);
         timeline.channel.set_weights(&self.weights);
     }
 }
@@ -222,8 +222,8 @@ impl RigidBodyObserver {
             good_rotation: rotation.as_ref().map(GoodCopy::of),
             translation,
             rotation,
-            fixed_attitude: initial.attitude.unwrap_or_default(),
-            initial_attitude: initial.attitude.unwrap_or_default(),
+            fixed_attitude: initial.attitude,
+            initial_attitude: initial.attitude,
             position_fix_hold_ns,
             attitude_fix_hold_ns,
         })
@@ -235,7 +235,7 @@ impl RigidBodyObserver {
     /// One evaluation of the features per channel with a new output; no allocation.
     pub fn accept(&mut self, sample: &Sample) {
         let stamp_ns = sample.stamp_ns;
-        let attitude_until_ns = stamp_ns + self.attitude_fix_hold_ns;
+        let attitude_until_ns = stamp_ns.saturating_add(self.attitude_fix_hold_ns);
         if let Some(rotation) = &mut self.rotation {
             rotation.accept(stamp_ns, sample.angular_velocity_rad_s, sample.torque_n_m, |pose| {
                 if let Some(fix) = &sample.attitude {
@@ -243,16 +243,16 @@ impl RigidBodyObserver {
                 }
             });
         }
-        if let Some(attitude) = sample.attitude {
-            self.fixed_attitude = attitude;
-        }
-        let attitude = self.attitude_at(stamp_ns);
-        let position_until_ns = stamp_ns + self.position_fix_hold_ns;
+        self.fixed_attitude = sample.attitude.or(self.fixed_attitude);
+        let attitude = self.known_attitude_at(stamp_ns);
+        let position_until_ns = stamp_ns.saturating_add(self.position_fix_hold_ns);
         if let Some(translation) = &mut self.translation {
-            let velocity = sample.velocity.map(|velocity| match velocity {
-                Velocity::Inertial(velocity) => velocity,
-                Velocity::Body(velocity) => attitude * velocity,
-            });
+            let velocity = match sample.velocity {
+                Some(Velocity::Inertial(velocity)) => Some(velocity),
+                // Without an attitude nobody knows which way it points: it is not used.
+                Some(Velocity::Body(velocity)) => attitude.map(|attitude| attitude * velocity),
+                None => None,
+            };
             translation.accept(stamp_ns, velocity, sample.force_n, |pose| {
                 if let Some(fix) = &sample.position_m {
                     pose.take_fix(fix, position_until_ns);
@@ -281,7 +281,7 @@ impl RigidBodyObserver {
                 let report = report(timeline, &at, stamp_ns);
                 (at.moment.pose.attitude, at.moment.rate, at.matched_force, Some(report))
             }
-            None => (self.fixed_attitude, Vector3::zeros(), Vector3::zeros(), None),
+            None => (self.fixed_attitude.unwrap_or_default(), Vector3::zeros(), Vector3::zeros(), None),
         };
         RigidBodyEstimate {
             stamp_ns,
@@ -296,25 +296,39 @@ impl RigidBodyObserver {
         }
     }
 
-    fn attitude_at(&mut self, stamp_ns: u64) -> UnitQuaternion<f64> {
+    fn known_attitude_at(&mut self, stamp_ns: u64) -> Option<UnitQuaternion<f64>> {
         match &mut self.rotation {
-            Some(rotation) => rotation.predict(stamp_ns).moment.pose.attitude,
+            Some(rotation) => {
+                let pose = rotation.predict(stamp_ns).moment.pose;
+                pose.is_known().then_some(pose.attitude)
+            }
             None => self.fixed_attitude,
         }
     }
 
-    /// Stops or resumes learning; what was learned stays in use.
+    /// Stops or resumes learning from the next outputs on; what was learned stays in use.
     pub fn set_frozen(&mut self, frozen: bool) {
         if let Some(translation) = &mut self.translation {
-            translation.set_frozen(frozen);
+            translation.channel.set_frozen(frozen);
         }
         if let Some(rotation) = &mut self.rotation {
-            rotation.set_frozen(frozen);
+            rotation.channel.set_frozen(frozen);
         }
     }
 
     /// Forgets everything; starts again from the next sample.
     pub fn reset(&mut self) {
+        self.restart();
+        if let Some(translation) = &mut self.translation {
+            translation.channel.forget();
+        }
+        if let Some(rotation) = &mut self.rotation {
+            rotation.channel.forget();
+        }
+    }
+
+    /// Forgets the state, not what was learned: starts again from the next sample, whatever its stamp.
+    pub fn restart(&mut self) {
         if let Some(translation) = &mut self.translation {
             translation.restart();
         }
@@ -337,13 +351,17 @@ impl RigidBodyObserver {
         }
     }
 
-    /// Puts state and weights back to the last good copy, as the state of `stamp_ns`.
-    pub fn restore_good_copy(&mut self, stamp_ns: u64) {
+    /// Puts state and weights of the translation back to the last good copy, from which it coasts to now.
+    pub fn restore_translation(&mut self) {
         if let (Some(timeline), Some(good)) = (&mut self.translation, &self.good_translation) {
-            good.restore(timeline, stamp_ns);
+            good.restore(timeline);
         }
+    }
+
+    /// Puts state and weights of the rotation back to the last good copy, from which it coasts to now.
+    pub fn restore_rotation(&mut self) {
         if let (Some(timeline), Some(good)) = (&mut self.rotation, &self.good_rotation) {
-            good.restore(timeline, stamp_ns);
+            good.restore(timeline);
         }
     }
 
@@ -648,6 +666,52 @@ mod tests {
     }
 
     #[test]
+    fn a_body_velocity_waits_for_an_attitude() {
+        let mut observer = both();
+        let sample = Sample {
+            stamp_ns: START_NS,
+            velocity: Some(Velocity::Body(Vector3::new(2.0, 0.0, 0.0))),
+            angular_velocity_rad_s: Some(Vector3::zeros()),
+            ..Sample::default()
+        };
+        observer.accept(&sample);
+        let before = observer.estimate(START_NS);
+        assert!(before.translation.unwrap().coasting && before.velocity_m_s == Vector3::zeros());
+        let turned = Some(UnitQuaternion::new(Vector3::new(0.0, 0.0, std::f64::consts::PI)));
+        observer.accept(&Sample { stamp_ns: START_NS + PERIOD_NS, attitude: turned, ..sample });
+        let after = observer.estimate(START_NS + PERIOD_NS);
+        assert!((after.velocity_m_s - Vector3::new(-2.0, 0.0, 0.0)).norm() < 1e-12);
+    }
+
+    /// Ten hours of silence, asked about now and then: bounded work, and a sample still goes on from there.
+    #[test]
+    fn a_long_silence_costs_little() {
+        let samples = varied_samples();
+        let mut observer = both();
+        samples[..500].iter().for_each(|sample| observer.accept(sample));
+        let last_ns = samples[499].stamp_ns;
+        let end_ns = last_ns + 36_000 * 1_000_000_000;
+        // 0.25 s a step: some 144 000 evaluations in all, not 7 200 000.
+        assert!(observer.estimate(end_ns).translation.unwrap().coasting);
+        // Asking half a second back finds a point of the trail.
+        let late = observer.estimate(end_ns - 400_000_000);
+        assert_eq!(late, observer.clone().estimate(end_ns - 400_000_000));
+    }
+
+    #[test]
+    fn a_restarted_observer_keeps_what_it_learned_and_takes_earlier_stamps() {
+        let samples = varied_samples();
+        let mut observer = both();
+        samples.iter().for_each(|sample| observer.accept(sample));
+        let learned = observer.translation().unwrap().weights().clone();
+        observer.restart();
+        observer.accept(&samples[0]);
+        assert_eq!(observer.translation().unwrap().weights(), &learned);
+        let estimate = observer.estimate(samples[0].stamp_ns);
+        assert_eq!(Some(Velocity::Inertial(estimate.velocity_m_s)), samples[0].velocity);
+    }
+
+    #[test]
     fn a_reset_observer_is_a_new_one() {
         let samples = varied_samples();
         let mut used = both();
@@ -676,9 +740,11 @@ mod tests {
         observer.accept(&Sample { stamp_ns, velocity, angular_velocity_rad_s, ..Sample::default() });
         observer.accept(&samples[801]);
         assert!(observer.estimate(samples[801].stamp_ns).velocity_m_s.x.is_nan());
-        observer.restore_good_copy(samples[801].stamp_ns);
+        observer.restore_translation();
+        observer.restore_rotation();
         let restored = observer.estimate(samples[801].stamp_ns);
-        assert_eq!(restored.velocity_m_s, good.velocity_m_s);
+        // Coasted from the good copy for two samples.
+        assert!((restored.velocity_m_s - good.velocity_m_s).norm() < 0.1);
         assert_eq!(restored.translation.unwrap().native_norm, good.translation.unwrap().native_norm);
         observer.accept(&samples[802]);
         assert!(observer.estimate(samples[802].stamp_ns).velocity_m_s.norm().is_finite());

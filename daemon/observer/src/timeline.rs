@@ -1,8 +1,9 @@
 //! A channel on a time line: which law holds when, from the samples' own stamps alone.
 //!
 //! Between two samples the estimate follows from the stamps, not from when somebody asks: an output is
-//! held for at most `hold_s`, then the channel coasts on a fixed grid of steps from there. So any reader,
-//! any tick rate and any replay gets the same bits for the same samples and the same instant.
+//! held for at most `hold_s`, then the channel coasts on a grid of steps from there. So any reader, any tick
+//! rate and any replay gets the same bits for the same samples and the same instant. The longer a coast, the
+//! longer its steps: the work for a late question or a late sample stays bounded.
 //!
 //! The weights' update belongs to the next sample, whose stamp tells how long the output was held; until
 //! then it is carried along as a pending increment.
@@ -34,6 +35,8 @@ impl<K: Kinematics> Moment<K> {
 /// A point of the coasting grid, with f̂ and φᵀφ there.
 #[derive(Debug, Clone, Copy)]
 struct GridPoint<K> {
+    /// Counts from the end of the hold.
+    index: u64,
     moment: Moment<K>,
     matched_force: Vector3<f64>,
     squared_features: f64,
@@ -70,6 +73,10 @@ impl KnownForce {
 /// The newest points of the coasting grid. A sample that comes late, but not later than this many steps,
 /// goes on from the one before it; an older one coasts again from the start, to the same bits.
 const TRAIL: usize = 32;
+/// After every so many steps of a coast, a step is twice as long,
+const STEPS_OF_ONE_LENGTH: u64 = 32;
+/// but not longer than this: f̂ is evaluated once a step.
+const LONGEST_STEP_NS: u64 = 250_000_000;
 
 #[derive(Debug, Clone)]
 pub(crate) struct Timeline<K> {
@@ -86,6 +93,7 @@ pub(crate) struct Timeline<K> {
     waiting_pose: K,
     input: Vector3<f64>,
     held_until_ns: u64,
+    last_learning_clamped: bool,
     output_stamp_ns: Option<u64>,
     trail: [Option<GridPoint<K>>; TRAIL],
     trail_end: usize,
@@ -110,6 +118,7 @@ impl<K: Kinematics> Timeline<K> {
             waiting_pose: initial_pose,
             input: Vector3::zeros(),
             held_until_ns: 0,
+            last_learning_clamped: false,
             output_stamp_ns: None,
             trail: [None; TRAIL],
             trail_end: 0,
@@ -128,7 +137,9 @@ impl<K: Kinematics> Timeline<K> {
         match (self.committed, output) {
             (Some(committed), _) => {
                 let moment = self.predict(stamp_ns).moment;
-                self.channel.learn(&self.channel.learning(self.held_h_s(&committed, stamp_ns)));
+                let learning = self.channel.learning(self.held_h_s(&committed, stamp_ns));
+                self.channel.learn(&learning);
+                self.last_learning_clamped = learning.clamped;
                 self.committed = Some(moment);
             }
             (None, Some(output)) => {
@@ -145,7 +156,7 @@ impl<K: Kinematics> Timeline<K> {
         if let Some(moment) = &self.committed {
             if let Some(output) = output {
                 self.channel.observe(&output, &moment.rate);
-                self.held_until_ns = stamp_ns + self.hold_ns;
+                self.held_until_ns = stamp_ns.saturating_add(self.hold_ns);
                 self.output_stamp_ns = Some(stamp_ns);
             } else if self.held_until_ns > stamp_ns {
                 self.channel.observe_again(&moment.rate);
@@ -158,7 +169,11 @@ impl<K: Kinematics> Timeline<K> {
     pub(crate) fn predict(&mut self, to_ns: u64) -> Prediction<K> {
         let Some(committed) = self.committed else {
             return Prediction {
-                moment: Moment { stamp_ns: to_ns, rate: Vector3::zeros(), pose: self.waiting_pose },
+                moment: Moment {
+                    stamp_ns: to_ns,
+                    rate: self.initial_rate.unwrap_or_default(),
+                    pose: self.waiting_pose,
+                },
                 matched_force: Vector3::zeros(),
                 squared_features: 0.0,
                 learning: Learning::default(),
@@ -173,11 +188,15 @@ impl<K: Kinematics> Timeline<K> {
         let held = self.hold(&committed, held_end_ns);
         let mut point = match self.newest_grid_point(to_ns) {
             Some(point) => point,
-            None => self.grid_point(held.moment, &held.learning),
+            None => self.grid_point(0, held.moment, &held.learning),
         };
-        while point.moment.stamp_ns + self.coast_step_ns <= to_ns {
-            let moment = self.coast(&point, point.moment.stamp_ns + self.coast_step_ns);
-            point = self.grid_point(moment, &held.learning);
+        loop {
+            let next_ns = point.moment.stamp_ns + self.step_ns(point.index);
+            if next_ns > to_ns {
+                break;
+            }
+            let moment = self.coast(&point, next_ns);
+            point = self.grid_point(point.index + 1, moment, &held.learning);
         }
         Prediction {
             moment: if point.moment.stamp_ns == to_ns { point.moment } else { self.coast(&point, to_ns) },
@@ -204,15 +223,23 @@ impl<K: Kinematics> Timeline<K> {
             committed.after(&self.channel.follow(&committed.rate, &force, h_s), to_ns)
         };
         let squared_features = self.channel.squared_features();
+        let clamped = learning.clamped || self.last_learning_clamped;
+        let learning = Learning { clamped, ..learning };
         Prediction { moment, matched_force, squared_features, learning, coasting: false }
     }
 
-    fn grid_point(&mut self, moment: Moment<K>, pending: &Learning) -> GridPoint<K> {
+    fn grid_point(&mut self, index: u64, moment: Moment<K>, pending: &Learning) -> GridPoint<K> {
         let (matched_force, squared_features) = self.channel.matched_force_at(&moment.rate, pending);
-        let point = GridPoint { moment, matched_force, squared_features };
+        let point = GridPoint { index, moment, matched_force, squared_features };
         self.trail[self.trail_end] = Some(point);
         self.trail_end = (self.trail_end + 1) % TRAIL;
         point
+    }
+
+    /// Length of the step from the grid point of this index.
+    fn step_ns(&self, index: u64) -> u64 {
+        let doublings = (index / STEPS_OF_ONE_LENGTH).min(20);
+        (self.coast_step_ns << doublings).min(LONGEST_STEP_NS.max(self.coast_step_ns))
     }
 
     fn newest_grid_point(&self, to_ns: u64) -> Option<GridPoint<K>> {
@@ -237,26 +264,20 @@ impl<K: Kinematics> Timeline<K> {
         self.committed
     }
 
-    /// Puts the state back to an earlier one, as if it were that of `stamp_ns`; nothing is held.
-    pub(crate) fn put_back(&mut self, moment: Option<Moment<K>>, stamp_ns: u64) {
-        self.committed = moment.map(|moment| Moment { stamp_ns, ..moment });
+    /// Puts the state back to an earlier one, from which it coasts to now.
+    pub(crate) fn put_back(&mut self, moment: Option<Moment<K>>) {
+        self.committed = moment;
         self.held_until_ns = 0;
         self.trail = [None; TRAIL];
     }
 
-    /// Starts again from the next output.
+    /// Forgets the state, not what was learned: starts again from the next output, at any stamp.
     pub(crate) fn restart(&mut self) {
-        self.channel.forget();
         self.waiting_pose = self.initial_pose;
         self.output_stamp_ns = None;
         self.input = Vector3::zeros();
-        self.put_back(None, 0);
-    }
-
-    /// Stops or resumes learning from the next sample on; the output held now counts as not observed.
-    pub(crate) fn set_frozen(&mut self, frozen: bool) {
-        self.channel.set_frozen(frozen);
-        self.trail = [None; TRAIL];
+        self.last_learning_clamped = false;
+        self.put_back(None);
     }
 }
 
