@@ -10,8 +10,8 @@ use crate::plot::{self, Line, LineStyle, Panel};
 use anyhow::{Context, ensure};
 use clap::Args;
 use comfy_table::{Table, presets::UTF8_FULL_CONDENSED};
-use daemon::config::{ConfigFile, InputConfig};
-use daemon::gate::Gate;
+use daemon::config::ConfigFile;
+use daemon::gate::sample_of;
 use nalgebra::Vector3;
 use observer::{RigidBodyObserver, Sample, Velocity};
 use serde::Serialize;
@@ -106,13 +106,8 @@ pub fn run(arguments: &ReplayArguments) -> anyhow::Result<()> {
         eprintln!("bench: {}", flight.skipped);
     }
     let flown = flight.airborne_only().unwrap_or(flight);
-    let mut gate = Gate::new(InputConfig::default(), false);
-    let samples: Vec<Sample> = flown
-        .samples
-        .iter()
-        .filter_map(|m| gate.judge(m, 0, 0).ok())
-        .map(|accepted| accepted.sample)
-        .collect();
+    let samples: Vec<Sample> =
+        flown.samples.iter().filter_map(|m| sample_of(m, &config.config.input).ok()).collect();
     let samples_rejected = flown.samples.len() - samples.len();
 
     let flight = Flight::new(samples)?;

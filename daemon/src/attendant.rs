@@ -3,6 +3,7 @@
 
 use crate::cycle::{LoopCommand, TickRecord};
 use crate::ports::AttendantPorts;
+use crate::say;
 use hdrhistogram::Histogram;
 use shared_types::clock::monotonic_ns;
 use shared_types::payload::{LatencySummary, Rejection, Reply, Status, command, outcome};
@@ -45,6 +46,10 @@ struct Logged {
     source_changes: u64,
     other_source: Option<u128>,
     waiting_said: bool,
+    ticks: u64,
+    ticks_coasting: u64,
+    samples_accepted: u64,
+    looks_with_rare_samples: u32,
 }
 
 impl Attendant {
@@ -181,14 +186,14 @@ impl Attendant {
         let Some(record) = &self.newest else { return };
         let counters = record.counters;
         if record.source.is_none() && !self.logged.waiting_said {
-            eprintln!("daemon: no sample yet; waiting for a source");
+            say!("no sample yet; waiting for a source");
             self.logged.waiting_said = true;
         }
         if counters.source_changes != self.logged.source_changes {
             self.logged.source_changes = counters.source_changes;
             let pid = record.source.and_then(|source| self.ports.source_pid(source));
             let pid = pid.map_or("unknown".into(), |pid| pid.to_string());
-            eprintln!("daemon: source of samples is process {pid} (change {})", counters.source_changes);
+            say!("source of samples is process {pid} (change {})", counters.source_changes);
         }
         if record.other_source.is_some() && record.other_source != self.logged.other_source {
             if let Some(pid) = record.other_source.and_then(|source| self.ports.source_pid(source)) {
@@ -203,15 +208,41 @@ impl Attendant {
                 (counters.samples_rejected[reason as usize], self.logged.rejected[reason as usize]);
             // The first of a kind, then each power of ten: a flood of bad samples is no flood of lines.
             if now.checked_ilog10() > before.checked_ilog10() {
-                eprintln!("daemon: {now} samples rejected: {}", reason.words());
+                say!("{now} samples rejected: {}", reason.words());
             }
             self.logged.rejected[reason as usize] = now;
         }
+        self.log_rare_samples();
         if counters.state_resets != self.logged.state_resets {
             self.logged.state_resets = counters.state_resets;
             eprintln!(
                 "daemon: the state left its limits and was put back to the last good one ({} times)",
                 counters.state_resets
+            );
+        }
+    }
+}
+
+/// After this many looks in a row the operator is told.
+const LOOKS_BEFORE_SAYING: u32 = 10;
+
+impl Attendant {
+    /// Samples that keep coming, and yet many ticks that coast: the source is slower than configured.
+    fn log_rare_samples(&mut self) {
+        let Some(record) = &self.newest else { return };
+        let counters = record.counters;
+        let logged = &mut self.logged;
+        let ticks = counters.ticks - logged.ticks;
+        let coasting = counters.ticks_coasting - logged.ticks_coasting;
+        let rare = counters.samples_accepted > logged.samples_accepted && 3 * coasting > ticks;
+        (logged.ticks, logged.ticks_coasting) = (counters.ticks, counters.ticks_coasting);
+        logged.samples_accepted = counters.samples_accepted;
+        logged.looks_with_rare_samples =
+            if rare { logged.looks_with_rare_samples.saturating_add(1) } else { 0 };
+        if logged.looks_with_rare_samples == LOOKS_BEFORE_SAYING {
+            say!(
+                "samples keep coming, and yet {coasting} of {ticks} ticks coast: is a sensor slower than rate_hz, or lossy? \
+                 (translation.sample_rate_hz, rotation.sample_rate_hz)"
             );
         }
     }

@@ -4,7 +4,7 @@
 //! configuration.
 
 use crate::config::{ConfigError, ConfigFile, PRESETS};
-use crate::{Service, StartError};
+use crate::{Service, StartError, say};
 use anyhow::Context;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use comfy_table::{Table, presets::NOTHING};
@@ -114,7 +114,7 @@ pub fn main_with_args(args: impl IntoIterator<Item = OsString>) -> ExitCode {
     match done {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
-            eprintln!("daemon: {error:#}");
+            say!("{error:#}");
             let wrong_usage = error.is::<ConfigError>()
                 || error.is::<DomainError>()
                 || error.downcast_ref::<StartError>().is_some_and(StartError::is_wrong_usage);
@@ -153,19 +153,19 @@ fn run(design: &DesignArguments, place: &PlaceArguments) -> anyhow::Result<()> {
         signal_hook::flag::register(signal, Arc::clone(&stop)).context("register signal handler")?;
     }
     let service = Service::start(&config, &domain, &place.instance)?;
-    eprintln!(
-        "daemon: instance '{}' in {} at {} Hz; stop it with Ctrl-C or SIGTERM",
+    say!(
+        "instance '{}' in {} at {} Hz; stop it with Ctrl-C or SIGTERM",
         place.instance,
         domain.root().display(),
         config.config.rate_hz
     );
     while !stop.load(Ordering::Relaxed) {
-        anyhow::ensure!(service.is_running(), "the loop ended by itself: a defect, please report it");
+        anyhow::ensure!(service.is_running(), "a thread ended by itself: a defect, please report it");
         std::thread::sleep(Duration::from_millis(20));
     }
     let status = service.stop();
-    eprintln!(
-        "daemon: stopped after {} ticks; samples: {} used, {} lost, {} rejected; {} deadlines missed",
+    say!(
+        "stopped after {} ticks; samples: {} used, {} lost, {} rejected; {} deadlines missed",
         status.ticks,
         status.samples_accepted,
         status.samples_lost,
@@ -188,8 +188,8 @@ fn control(action: ControlAction, json: bool, place: &PlaceArguments) -> anyhow:
         let client = Client::connect(&domain, &place.instance, Duration::from_millis(500))?;
         client.command(action.kind(), Duration::from_secs(3))
     })();
-    // A domain that only this question has made is taken away again.
-    domain.remove_if_unused()?;
+    // A domain that only this question has made is taken away again, if it can be.
+    let _ = domain.remove_if_unused();
     let reply = answer.map_err(|error: ClientError| anyhow::anyhow!(error))?;
     anyhow::ensure!(reply.outcome == outcome::DONE, "refused: {}", reply.text());
     match (json, action) {

@@ -136,6 +136,10 @@ pub struct InputConfig {
     pub max_force_n: f64,
     /// Largest plausible commanded torque (N·m).
     pub max_torque_n_m: f64,
+    /// Largest plausible learned force (N).
+    pub max_unknown_force_n: f64,
+    /// Largest plausible learned torque (N·m).
+    pub max_unknown_torque_n_m: f64,
     /// A stamp further ahead of the clock is rejected (s).
     pub max_future_s: f64,
     /// A stamp further behind the clock is rejected (s).
@@ -154,6 +158,8 @@ impl Default for InputConfig {
             max_position_m: 1e6,
             max_force_n: 1e5,
             max_torque_n_m: 1e5,
+            max_unknown_force_n: 1e5,
+            max_unknown_torque_n_m: 1e5,
             max_future_s: 0.05,
             max_age_s: 0.5,
             source: SourcePolicy::First,
@@ -472,6 +478,8 @@ impl ConfigFile {
             ("input.max_position_m", input.max_position_m),
             ("input.max_force_n", input.max_force_n),
             ("input.max_torque_n_m", input.max_torque_n_m),
+            ("input.max_unknown_force_n", input.max_unknown_force_n),
+            ("input.max_unknown_torque_n_m", input.max_unknown_torque_n_m),
             ("input.max_future_s", input.max_future_s),
             ("input.max_age_s", input.max_age_s),
             ("input.takeover_after_s", input.takeover_after_s),
@@ -765,6 +773,14 @@ const KEYS: &[(&str, &str)] = &[
     ("input.max_position_m", "A position further from the origin is rejected; such an estimate is reset."),
     ("input.max_force_n", "A larger commanded force is rejected."),
     ("input.max_torque_n_m", "A larger commanded torque is rejected."),
+    (
+        "input.max_unknown_force_n",
+        "A larger learned force is not believed: the translation is reset to its last good copy.",
+    ),
+    (
+        "input.max_unknown_torque_n_m",
+        "A larger learned torque is not believed: the rotation is reset to its last good copy.",
+    ),
     ("input.max_future_s", "A stamp further ahead of the clock is rejected."),
     ("input.max_age_s", "A stamp further behind the clock is rejected."),
     (

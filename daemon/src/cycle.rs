@@ -1,7 +1,7 @@
 //! The tick: wake up, take every queued sample, step to its stamp, propagate, publish; then the slack.
 //!
 //! [`Cycle::serve`] is all that happens between wake-up and publication: no allocation, no system call, no
-//! lock, no log line. [`Cycle::rest`] does what can wait until after publication. [`Cycle::run`] keeps the
+//! lock, no log line. (A reader or source that connects in the very sleep before it is mapped in it, once.) [`Cycle::rest`] does what can wait until after publication. [`Cycle::run`] keeps the
 //! deadlines: absolute, on CLOCK_MONOTONIC; a late tick is counted and skipped over, never made up.
 
 use crate::config::{Clock, Config, InputConfig, Trigger};
@@ -16,8 +16,6 @@ use std::sync::atomic::{AtomicBool, Ordering};
 const MOST_SAMPLES_PER_TICK: usize = 256;
 /// A good copy of state and weights is kept this often (s).
 const GOOD_COPY_EVERY_S: f64 = 0.5;
-/// Late readers are let in this often (s).
-const CONNECT_EVERY_S: f64 = 0.1;
 
 /// What the loop counts since it started; see [`shared_types::Status`].
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
@@ -100,7 +98,6 @@ pub struct Cycle {
     clock: Clock,
     stale_after_ns: u64,
     good_copy_every: u64,
-    connect_every: u64,
     counters: Counters,
     frozen: bool,
     newest_arrival_ns: Option<u64>,
@@ -119,7 +116,6 @@ pub struct WakeUp {
 impl Cycle {
     /// A cycle that has seen nothing.
     pub fn new(config: &Config, observer: RigidBodyObserver, ports: LoopPorts, rings: LoopRings) -> Self {
-        let ticks = |every_s: f64| ((every_s * config.rate_hz) as u64).max(1);
         Self {
             ports,
             observer,
@@ -128,8 +124,7 @@ impl Cycle {
             limits: config.input,
             clock: config.clock,
             stale_after_ns: (config.stale_after_s * 1e9) as u64,
-            good_copy_every: ticks(GOOD_COPY_EVERY_S),
-            connect_every: ticks(CONNECT_EVERY_S),
+            good_copy_every: ((GOOD_COPY_EVERY_S * config.rate_hz) as u64).max(1),
             counters: Counters::default(),
             frozen: false,
             newest_arrival_ns: None,
@@ -183,7 +178,10 @@ impl Cycle {
         for _ in 0..MOST_SAMPLES_PER_TICK {
             let Some((measurement, source)) = self.ports.take() else { break };
             match self.gate.judge(&measurement, source, wake_ns) {
-                Ok(Accepted { sample, lost, new_source }) => {
+                Ok(Accepted { sample, lost, new_source, new_time }) => {
+                    if new_time {
+                        self.observer.restart();
+                    }
                     self.observer.accept(&sample);
                     self.counters.samples_accepted += 1;
                     // A forged sequence may claim any gap.
@@ -203,10 +201,8 @@ impl Cycle {
             Clock::Monotonic => wake_ns.max(source_stamp_ns.unwrap_or(0)),
             Clock::Samples => source_stamp_ns.unwrap_or(wake_ns),
         };
-        let mut state = self.observer.estimate(stamp_ns);
-        if !within_limits(&state, &self.limits) {
-            self.observer.restore_good_copy(stamp_ns);
-            state = self.observer.estimate(stamp_ns);
+        let (state, diverged) = self.guarded_estimate(stamp_ns);
+        if diverged {
             self.counters.state_resets += 1;
             status |= status_bits::DIVERGED;
         }
@@ -222,19 +218,22 @@ impl Cycle {
         estimate.source_sequence = self.gate.newest_sequence().unwrap_or(0);
         estimate.source_stamp_ns = source_stamp_ns.unwrap_or(0);
         estimate.status = status;
-        let publish_ns = monotonic_ns();
-        estimate.publish_stamp_ns = publish_ns;
+        estimate.publish_stamp_ns = monotonic_ns();
         self.ports.publish(&estimate);
+        let published_ns = monotonic_ns();
 
         self.counters.ticks += 1;
         self.counters.ticks_coasting += u64::from(status & status_bits::COASTING != 0);
         self.counters.ticks_clamped += u64::from(status & status_bits::CLAMPED != 0);
-        let if_new = |value: Option<u64>| if new_sample { value } else { None };
+        // Where samples are the clock, the distance between their stamps and now means nothing.
+        let if_new = |value: Option<u64>| value.filter(|_| new_sample && self.clock == Clock::Monotonic);
         self.record = Some(TickRecord {
             wake_up_lateness_ns: wake_up.deadline_ns.map(|deadline_ns| wake_ns.saturating_sub(deadline_ns)),
-            step_ns: publish_ns - wake_ns,
+            step_ns: published_ns - wake_ns,
             input_age_ns: if_new(age_ns),
-            source_to_publish_ns: if_new(source_stamp_ns.map(|stamp_ns| publish_ns.saturating_sub(stamp_ns))),
+            source_to_publish_ns: if_new(
+                source_stamp_ns.map(|stamp_ns| published_ns.saturating_sub(stamp_ns)),
+            ),
             counters: self.counters,
             newest_sequence: self.gate.newest_sequence().unwrap_or(0),
             newest_stamp_ns: source_stamp_ns,
@@ -242,6 +241,28 @@ impl Cycle {
             other_source: self.gate.other_source(),
             frozen: self.frozen,
         });
+    }
+
+    /// The estimate, and whether the state was beyond its limits: then first the channel's last good copy is
+    /// tried, and if that is no better, everything starts again.
+    fn guarded_estimate(&mut self, stamp_ns: u64) -> (RigidBodyEstimate, bool) {
+        let state = self.observer.estimate(stamp_ns);
+        let (translation, rotation) = within_limits(&state, &self.limits);
+        if translation && rotation {
+            return (state, false);
+        }
+        if !translation {
+            self.observer.restore_translation();
+        }
+        if !rotation {
+            self.observer.restore_rotation();
+        }
+        let restored = self.observer.estimate(stamp_ns);
+        if within_limits(&restored, &self.limits) == (true, true) {
+            return (restored, true);
+        }
+        self.observer.reset();
+        (self.observer.estimate(stamp_ns), true)
     }
 
     fn status_of(&self, state: &RigidBodyEstimate, age_ns: Option<u64>) -> u64 {
@@ -285,12 +306,9 @@ impl Cycle {
                 self.counters.records_dropped += 1;
             }
         }
-        // What is published was checked to be within limits: this is a good moment.
+        // What is published was checked to be within limits, or is new: this is a good moment.
         if self.counters.ticks.is_multiple_of(self.good_copy_every) {
             self.observer.keep_good_copy();
-        }
-        if self.counters.ticks.is_multiple_of(self.connect_every) {
-            self.ports.update_connections();
         }
     }
 }
@@ -311,14 +329,16 @@ fn wait_for_deadline(deadline_ns: u64, spin_ns: u64) -> WakeUp {
     }
 }
 
-fn within_limits(state: &RigidBodyEstimate, limits: &InputConfig) -> bool {
+/// Whether the translation, and the rotation, are finite and plausible.
+fn within_limits(state: &RigidBodyEstimate, limits: &InputConfig) -> (bool, bool) {
     // A comparison with NaN is false, so what is not finite is not within.
-    state.velocity_m_s.norm() <= limits.max_speed_m_s
-        && state.angular_velocity_rad_s.norm() <= limits.max_angular_rate_rad_s
+    let translation = state.velocity_m_s.norm() <= limits.max_speed_m_s
         && state.position_m.norm() <= limits.max_position_m
+        && state.matched_force_n.norm() <= limits.max_unknown_force_n;
+    let rotation = state.angular_velocity_rad_s.norm() <= limits.max_angular_rate_rad_s
         && state.attitude.coords.norm().is_finite()
-        && state.matched_force_n.norm() <= limits.max_force_n
-        && state.matched_torque_n_m.norm() <= limits.max_torque_n_m
+        && state.matched_torque_n_m.norm() <= limits.max_unknown_torque_n_m;
+    (translation, rotation)
 }
 
 /// The published form of an estimate; sequences, source, status and publication time are the loop's.

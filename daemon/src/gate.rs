@@ -7,9 +7,12 @@ use observer::{Sample, Velocity};
 use shared_types::Measurement;
 use shared_types::payload::{Rejection, frame, valid};
 
-/// Where samples are the clock, one that jumps further ahead is rejected (s): it would make all that follow
-/// look old.
+/// Where samples are the clock, one that jumps further ahead starts a new time, if its source may (s).
 const LONGEST_JUMP_S: f64 = 60.0;
+/// A sequence further ahead than this is no gap but a damaged number.
+const LARGEST_GAP: u64 = 1_000_000;
+/// Sources that were replaced and must not take the stream back while it flows.
+const REPLACED: usize = 8;
 /// A unit quaternion's norm may be off by this much: single precision and a little more.
 const QUATERNION_NORM_TOLERANCE: f64 = 1e-3;
 
@@ -22,6 +25,9 @@ pub struct Accepted {
     pub lost: u64,
     /// Whether it comes from another source than the one before, or from the same one started again.
     pub new_source: bool,
+    /// Whether its stamp does not go on from the one before: the state must start again. Only where the
+    /// samples are the clock.
+    pub new_time: bool,
 }
 
 /// The source in use and its newest accepted sample.
@@ -30,9 +36,16 @@ struct Newest {
     source: u128,
     sequence: u64,
     stamp_ns: u64,
+    /// When it was taken from the queue.
+    arrival_ns: u64,
+    /// The newest sequence that arrived, accepted or not.
+    seen_sequence: u64,
+    /// Gaps before samples that were rejected.
+    lost_before_seen: u64,
 }
 
-/// Believes samples of one source at a time, in the order of their stamps, within physical limits.
+/// Believes samples of one source at a time, in the order of their stamps, within physical limits. No single
+/// bad sample keeps it closed: after `takeover_after_s` without an accepted one, the next good one starts anew.
 #[derive(Debug, Clone)]
 pub struct Gate {
     limits: InputConfig,
@@ -40,12 +53,13 @@ pub struct Gate {
     check_clock: bool,
     newest: Option<Newest>,
     other_source: Option<u128>,
+    replaced: [Option<u128>; REPLACED],
 }
 
 impl Gate {
     /// A gate that has seen nothing. `check_clock` is false where the samples are the clock.
     pub fn new(limits: InputConfig, check_clock: bool) -> Self {
-        Self { limits, check_clock, newest: None, other_source: None }
+        Self { limits, check_clock, newest: None, other_source: None, replaced: [None; REPLACED] }
     }
 
     /// Judges a sample of `source` that was taken from the queue at `now_ns`.
@@ -58,15 +72,43 @@ impl Gate {
         source: u128,
         now_ns: u64,
     ) -> Result<Accepted, Rejection> {
-        let accepted = self.check(measurement, source, now_ns)?;
         let Measurement { sequence, stamp_ns, .. } = *measurement;
-        self.newest = Some(Newest { source, sequence, stamp_ns });
-        Ok(accepted)
+        match self.check(measurement, source, now_ns) {
+            Ok(accepted) => {
+                if let Some(before) = self.source().filter(|&before| before != source) {
+                    self.replaced.rotate_right(1);
+                    self.replaced[0] = Some(before);
+                    self.other_source = Some(before);
+                }
+                self.newest = Some(Newest {
+                    source,
+                    sequence,
+                    stamp_ns,
+                    arrival_ns: now_ns,
+                    seen_sequence: sequence,
+                    lost_before_seen: 0,
+                });
+                Ok(accepted)
+            }
+            Err(reason) => {
+                match &mut self.newest {
+                    Some(newest) if newest.source != source => self.other_source = Some(source),
+                    Some(newest)
+                        if (1..=LARGEST_GAP).contains(&sequence.saturating_sub(newest.seen_sequence)) =>
+                    {
+                        newest.lost_before_seen += sequence - newest.seen_sequence - 1;
+                        newest.seen_sequence = sequence;
+                    }
+                    _ => {}
+                }
+                Err(reason)
+            }
+        }
     }
 
     /// Starts again with whatever comes next.
     pub fn forget(&mut self) {
-        (self.newest, self.other_source) = (None, None);
+        (self.newest, self.other_source, self.replaced) = (None, None, [None; REPLACED]);
     }
 
     /// The source in use.
@@ -89,9 +131,9 @@ impl Gate {
         self.newest.map(|newest| newest.sequence)
     }
 
-    fn check(&mut self, m: &Measurement, source: u128, now_ns: u64) -> Result<Accepted, Rejection> {
-        let sample = self.check_values(m)?;
-        let first_of_source = Accepted { sample, lost: 0, new_source: true };
+    fn check(&self, m: &Measurement, source: u128, now_ns: u64) -> Result<Accepted, Rejection> {
+        let sample = sample_of(m, &self.limits)?;
+        let anew = Accepted { sample, lost: 0, new_source: true, new_time: false };
         if self.check_clock {
             if m.stamp_ns > now_ns.saturating_add(nanoseconds(self.limits.max_future_s)) {
                 return Err(Rejection::FarFuture);
@@ -99,98 +141,99 @@ impl Gate {
             if m.stamp_ns.saturating_add(nanoseconds(self.limits.max_age_s)) < now_ns {
                 return Err(Rejection::TooOld);
             }
-        }
-        let Some(newest) = self.newest else {
+        } else if m.stamp_ns > u64::MAX / 4 {
             // No clock has run for a century: arithmetic with such a stamp would overflow.
-            return if m.stamp_ns < u64::MAX / 4 { Ok(first_of_source) } else { Err(Rejection::FarFuture) };
-        };
-        if !self.check_clock && m.stamp_ns > newest.stamp_ns.saturating_add(nanoseconds(LONGEST_JUMP_S)) {
             return Err(Rejection::FarFuture);
         }
-        if source != newest.source {
-            let silent_ns = m.stamp_ns.saturating_sub(newest.stamp_ns);
-            let may_take_over = match self.limits.source {
-                SourcePolicy::First => silent_ns >= nanoseconds(self.limits.takeover_after_s),
-                SourcePolicy::Newest => self.other_source != Some(source),
-            };
-            if !may_take_over {
-                self.other_source = Some(source);
-                return Err(Rejection::OtherSource);
-            }
-        }
-        match m.stamp_ns {
-            stamp if stamp == newest.stamp_ns => return Err(Rejection::RepeatedStamp),
-            stamp if stamp < newest.stamp_ns => return Err(Rejection::OlderStamp),
-            _ => {}
-        }
-        if source != newest.source {
-            // Under `newest`, the one that was replaced must not take the stream back.
-            self.other_source = Some(newest.source);
-            return Ok(first_of_source);
-        }
-        match m.sequence {
-            0 if newest.sequence > 0 => Ok(first_of_source),
-            sequence if sequence > newest.sequence => {
-                Ok(Accepted { sample, lost: sequence - newest.sequence - 1, new_source: false })
-            }
+        let Some(newest) = &self.newest else { return Ok(anew) };
 
-            _ => Err(Rejection::SequenceBackwards),
+        let silent = now_ns.saturating_sub(newest.arrival_ns) >= nanoseconds(self.limits.takeover_after_s);
+        let other = source != newest.source;
+        let appeared = self.limits.source == SourcePolicy::Newest && !self.replaced.contains(&Some(source));
+        if other && !silent && !appeared {
+            return Err(Rejection::OtherSource);
+        }
+        if m.stamp_ns == newest.stamp_ns {
+            return Err(Rejection::RepeatedStamp);
+        }
+        let jumps =
+            !self.check_clock && m.stamp_ns > newest.stamp_ns.saturating_add(nanoseconds(LONGEST_JUMP_S));
+        if m.stamp_ns < newest.stamp_ns || jumps {
+            return match !self.check_clock && (other || silent) {
+                true => Ok(Accepted { new_time: true, ..anew }),
+                false if jumps => Err(Rejection::FarFuture),
+                false => Err(Rejection::OlderStamp),
+            };
+        }
+        if other {
+            return Ok(anew);
+        }
+        if (1..=LARGEST_GAP).contains(&m.sequence.saturating_sub(newest.sequence)) {
+            let gap = m.sequence.saturating_sub(newest.seen_sequence).saturating_sub(1);
+            return Ok(Accepted { lost: newest.lost_before_seen + gap, new_source: false, ..anew });
+        }
+        match silent || (m.sequence == 0 && newest.sequence > 0) {
+            true => Ok(anew),
+            false => Err(Rejection::SequenceBackwards),
         }
     }
+}
 
-    fn check_values(&self, m: &Measurement) -> Result<Sample, Rejection> {
-        let limits = &self.limits;
-        if m.valid & valid::ALL == 0 || m.valid & !valid::ALL != 0 {
-            return Err(Rejection::Malformed);
+/// A measurement as a sample, if its values can be.
+///
+/// # Errors
+/// `Malformed`, `NotFinite`, `BeyondLimits` or `QuaternionNorm`.
+pub fn sample_of(m: &Measurement, limits: &InputConfig) -> Result<Sample, Rejection> {
+    if m.valid & valid::ALL == 0 || m.valid & !valid::ALL != 0 {
+        return Err(Rejection::Malformed);
+    }
+    let vector = |bit: u32, value: &[f64; 3], limit: f64| -> Result<Option<Vector3<f64>>, Rejection> {
+        if !m.has(bit) {
+            return Ok(None);
         }
-        let vector = |bit: u32, value: &[f64; 3], limit: f64| -> Result<Option<Vector3<f64>>, Rejection> {
-            if !m.has(bit) {
-                return Ok(None);
-            }
-            let value = Vector3::from(*value);
-            if !value.iter().all(|c| c.is_finite()) {
+        let value = Vector3::from(*value);
+        if !value.iter().all(|c| c.is_finite()) {
+            return Err(Rejection::NotFinite);
+        }
+        if value.norm() > limit {
+            return Err(Rejection::BeyondLimits);
+        }
+        Ok(Some(value))
+    };
+    let velocity = vector(valid::VELOCITY, &m.velocity_m_s, limits.max_speed_m_s)?;
+    let velocity = match (velocity, m.velocity_frame) {
+        (None, _) => None,
+        (Some(velocity), frame::INERTIAL) => Some(Velocity::Inertial(velocity)),
+        (Some(velocity), frame::BODY) => Some(Velocity::Body(velocity)),
+        _ => return Err(Rejection::Malformed),
+    };
+    let attitude = match m.has(valid::ATTITUDE) {
+        false => None,
+        true => {
+            let [w, x, y, z] = m.attitude_wxyz;
+            let q = Quaternion::new(w, x, y, z);
+            if !m.attitude_wxyz.iter().all(|c| c.is_finite()) {
                 return Err(Rejection::NotFinite);
             }
-            if value.norm() > limit {
-                return Err(Rejection::BeyondLimits);
+            if (q.norm() - 1.0).abs() > QUATERNION_NORM_TOLERANCE {
+                return Err(Rejection::QuaternionNorm);
             }
-            Ok(Some(value))
-        };
-        let velocity = vector(valid::VELOCITY, &m.velocity_m_s, limits.max_speed_m_s)?;
-        let velocity = match (velocity, m.velocity_frame) {
-            (None, _) => None,
-            (Some(velocity), frame::INERTIAL) => Some(Velocity::Inertial(velocity)),
-            (Some(velocity), frame::BODY) => Some(Velocity::Body(velocity)),
-            _ => return Err(Rejection::Malformed),
-        };
-        let attitude = match m.has(valid::ATTITUDE) {
-            false => None,
-            true => {
-                let [w, x, y, z] = m.attitude_wxyz;
-                let q = Quaternion::new(w, x, y, z);
-                if !m.attitude_wxyz.iter().all(|c| c.is_finite()) {
-                    return Err(Rejection::NotFinite);
-                }
-                if (q.norm() - 1.0).abs() > QUATERNION_NORM_TOLERANCE {
-                    return Err(Rejection::QuaternionNorm);
-                }
-                Some(UnitQuaternion::from_quaternion(q))
-            }
-        };
-        Ok(Sample {
-            stamp_ns: m.stamp_ns,
-            velocity,
-            angular_velocity_rad_s: vector(
-                valid::ANGULAR_VELOCITY,
-                &m.angular_velocity_rad_s,
-                limits.max_angular_rate_rad_s,
-            )?,
-            position_m: vector(valid::POSITION, &m.position_m, limits.max_position_m)?,
-            attitude,
-            force_n: vector(valid::FORCE, &m.force_n, limits.max_force_n)?,
-            torque_n_m: vector(valid::TORQUE, &m.torque_n_m, limits.max_torque_n_m)?,
-        })
-    }
+            Some(UnitQuaternion::from_quaternion(q))
+        }
+    };
+    Ok(Sample {
+        stamp_ns: m.stamp_ns,
+        velocity,
+        angular_velocity_rad_s: vector(
+            valid::ANGULAR_VELOCITY,
+            &m.angular_velocity_rad_s,
+            limits.max_angular_rate_rad_s,
+        )?,
+        position_m: vector(valid::POSITION, &m.position_m, limits.max_position_m)?,
+        attitude,
+        force_n: vector(valid::FORCE, &m.force_n, limits.max_force_n)?,
+        torque_n_m: vector(valid::TORQUE, &m.torque_n_m, limits.max_torque_n_m)?,
+    })
 }
 
 fn nanoseconds(duration_s: f64) -> u64 {
@@ -308,12 +351,46 @@ mod tests {
     }
 
     #[test]
-    fn under_newest_the_later_source_wins_for_good() {
+    fn no_damaged_sequence_keeps_the_gate_closed() {
+        let mut gate = gate(SourcePolicy::First);
+        assert_accepted(judge(&mut gate, &sample(10)), 0, true);
+        assert_rejected(
+            judge(&mut gate, &Measurement { sequence: u64::MAX, ..sample(11) }),
+            Rejection::SequenceBackwards,
+        );
+        assert_accepted(judge(&mut gate, &sample(12)), 1, false);
+        // A restart whose first sample was lost is refused until the silence is long enough.
+        for k in 1..=12 {
+            let restarted = Measurement { sequence: k, ..sample(12 + k) };
+            assert_rejected(judge(&mut gate, &restarted), Rejection::SequenceBackwards);
+        }
+        let late = Measurement { sequence: 60, ..sample(60) };
+        assert_accepted(judge(&mut gate, &late), 47, false);
+        let restarted = Measurement { sequence: 41, ..sample(101) };
+        assert_accepted(judge(&mut gate, &restarted), 0, true);
+    }
+
+    #[test]
+    fn a_rejected_sample_is_not_lost() {
+        let mut gate = gate(SourcePolicy::First);
+        assert_accepted(judge(&mut gate, &sample(0)), 0, true);
+        // 1 and 2 are lost, 3 arrives and is refused, 4 is lost.
+        assert_rejected(judge(&mut gate, &sample(3).with_velocity_m_s([f64::NAN; 3])), Rejection::NotFinite);
+        assert_accepted(judge(&mut gate, &sample(5)), 3, false);
+    }
+
+    #[test]
+    fn under_newest_the_later_source_wins_until_it_is_silent() {
         let mut gate = gate(SourcePolicy::Newest);
         assert_accepted(gate.judge(&sample(0), 1, NOW_NS), 0, true);
         assert_accepted(gate.judge(&sample(1), 2, NOW_NS), 0, true);
         assert_rejected(gate.judge(&sample(2), 1, NOW_NS), Rejection::OtherSource);
-        assert_accepted(gate.judge(&sample(2), 2, NOW_NS), 0, false);
+        assert_accepted(gate.judge(&sample(2), 3, NOW_NS), 0, true);
+        assert_rejected(gate.judge(&sample(3), 2, NOW_NS), Rejection::OtherSource);
+        assert_rejected(gate.judge(&sample(3), 1, NOW_NS), Rejection::OtherSource);
+        assert_accepted(gate.judge(&sample(3), 3, NOW_NS), 0, false);
+        let late = sample(50);
+        assert_accepted(gate.judge(&late, 1, late.stamp_ns), 0, true);
     }
 
     #[test]
@@ -322,11 +399,16 @@ mod tests {
         assert_accepted(gate.judge(&sample(0), 1, 0), 0, true);
         assert_accepted(gate.judge(&sample(1000), 1, 0), 999, false);
         // But not so far that all later ones would look old.
-        assert_rejected(gate.judge(&sample(20_000), 1, 0), Rejection::FarFuture);
+        let ahead = Measurement { stamp_ns: sample(20_000).stamp_ns, ..sample(1001) };
+        assert_rejected(gate.judge(&ahead, 1, 0), Rejection::FarFuture);
         assert_rejected(
-            gate.judge(&Measurement { stamp_ns: u64::MAX, ..sample(1001) }, 1, 0),
+            gate.judge(&Measurement { stamp_ns: u64::MAX, ..sample(1002) }, 1, 0),
             Rejection::FarFuture,
         );
-        assert_accepted(gate.judge(&sample(1001), 1, 0), 0, false);
+        assert_accepted(gate.judge(&sample(1003), 1, 0), 0, false);
+        // After a silence another replay may begin, earlier or later.
+        let accepted = gate.judge(&sample(5), 2, 300_000_000).unwrap();
+        assert!(accepted.new_source && accepted.new_time);
+        assert!(gate.judge(&sample(90_000), 2, 600_000_000).unwrap().new_time);
     }
 }

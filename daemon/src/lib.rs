@@ -24,6 +24,15 @@ pub mod cycle;
 pub mod gate;
 pub mod ports;
 
+/// Writes a line to the log, stderr. Whether anyone reads it is not the service's concern.
+macro_rules! say {
+    ($($argument:tt)*) => {{
+        use std::io::Write;
+        let _ = writeln!(std::io::stderr(), "daemon: {}", format_args!($($argument)*));
+    }};
+}
+pub(crate) use say;
+
 use attendant::{Attendant, AttendantRings};
 use config::{ConfigError, ConfigFile};
 use cycle::{Cycle, LoopRings};
@@ -118,9 +127,10 @@ impl Service {
         self.finish().unwrap_or_default()
     }
 
-    /// Whether the loop still runs; it ends by itself only by a defect.
+    /// Whether both threads still run; they end by themselves only by a defect.
     pub fn is_running(&self) -> bool {
         self.loop_thread.as_ref().is_some_and(|thread| !thread.is_finished())
+            && self.attendant_thread.as_ref().is_some_and(|thread| !thread.is_finished())
     }
 
     fn finish(&mut self) -> Option<Status> {

@@ -84,26 +84,22 @@ impl LoopPorts {
 
     /// Writes the estimate to its readers.
     pub fn publish(&mut self, estimate: &Estimate) {
-        if let Some(loan) = self.loan.take() {
-            // The only failure is a reader's broken connection: that reader is gone, the others are served.
-            let _ = loan.write_payload(*estimate).send();
+        let sent = self.loan.take().is_some_and(|loan| loan.write_payload(*estimate).send().is_ok());
+        if !sent {
+            // A reader's connection broke while it was looked for: it is gone now, the others shall be served.
+            let _ = self.estimate.send_copy(*estimate);
         }
     }
 
-    /// Makes ready for the next tick: allocates. A new source's segment is mapped here, so that the tick
-    /// which takes its first sample need not.
+    /// Makes ready for the next tick: loans the next estimate, which allocates, and maps new sources and
+    /// readers, so that the next tick need not.
     pub fn prepare(&mut self) {
-        // A failure concerns one dead source only.
+        // A failure concerns one dead source or reader only.
         let _ = self.measurement.update_connections();
+        let _ = self.estimate.update_connections();
         if self.loan.is_none() {
             self.loan = self.estimate.loan_uninit().ok();
         }
-    }
-
-    /// Lets late readers see the newest estimate.
-    pub fn update_connections(&self) {
-        // A failure concerns one dead reader only.
-        let _ = self.estimate.update_connections();
     }
 }
 

@@ -129,6 +129,11 @@ impl Domain {
         &self.root
     }
 
+    /// The prefix of the domain's segments in /dev/shm, and of its services' files.
+    pub fn prefix(&self) -> &str {
+        &self.prefix
+    }
+
     /// The configuration for iceoryx2's nodes; files of the working directory are not consulted.
     pub(crate) fn config(&self) -> Config {
         let mut config = Config::default();

@@ -1,7 +1,7 @@
 //! Errors of estimates against the truth at the same instant.
 
 use anyhow::{Context, ensure};
-use daemon::config::{ConfigFile, InputConfig};
+use daemon::config::ConfigFile;
 use daemon::cycle::to_payload;
 use daemon::gate::Gate;
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
@@ -45,11 +45,11 @@ impl Run {
     /// The estimates that the same samples give at the same instants if nothing is learned.
     pub(super) fn without_adaptation(&self, config: &ConfigFile) -> anyhow::Result<Vec<Estimate>> {
         let mut observer = config.observer_without_adaptation()?;
-        let mut gate = Gate::new(InputConfig::default(), false);
+        let mut gate = Gate::new(config.config.input, true);
         let mut measurements = self.measurements.iter().peekable();
         let estimates = self.estimates.iter().map(|estimate| {
             while let Some(m) = measurements.next_if(|m| m.sequence <= estimate.source_sequence) {
-                if let Ok(accepted) = gate.judge(m, 0, 0) {
+                if let Ok(accepted) = gate.judge(m, 0, estimate.stamp_ns) {
                     observer.accept(&accepted.sample);
                 }
             }

@@ -85,6 +85,10 @@ pub fn run(arguments: &DemoArguments) -> anyhow::Result<()> {
         signal_hook::flag::register(signal, Arc::clone(&stop)).context("register signal handler")?;
     }
     let recording = record(arguments, preset, &config, &stop)?;
+    let unseen = recording.status.samples_accepted.saturating_sub(recording.measurements.len() as u64);
+    if unseen > 0 {
+        eprintln!("bench: {unseen} samples were too fast for this process to see: the comparison lacks them");
+    }
     if stop.load(Ordering::Relaxed) {
         eprintln!("bench: stopped; the figures are those of the part that ran");
     }
