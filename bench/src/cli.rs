@@ -4,6 +4,7 @@ use crate::{demo, replay, step};
 use clap::{Parser, Subcommand};
 use daemon::config::ConfigError;
 use rustix::process::{Signal, set_parent_process_death_signal};
+use shared_types::logln;
 use std::ffi::OsString;
 use std::process::ExitCode;
 
@@ -65,7 +66,7 @@ pub fn main_with_args(args: impl IntoIterator<Item = OsString>) -> ExitCode {
     match done {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
-            eprintln!("bench: {error:#}");
+            logln!("bench: {error:#}");
             ExitCode::from(if error.is::<ConfigError>() { 2 } else { 1 })
         }
     }

@@ -15,6 +15,7 @@ use daemon::gate::sample_of;
 use nalgebra::Vector3;
 use observer::{RigidBodyObserver, Sample, Velocity};
 use serde::Serialize;
+use shared_types::{logln, outln};
 use sim_publisher::{CsvMap, Format, read_flight};
 use std::path::PathBuf;
 
@@ -103,7 +104,7 @@ pub fn run(arguments: &ReplayArguments) -> anyhow::Result<()> {
     let map = CsvMap::read(arguments.map.as_deref(), &arguments.column)?;
     let flight = read_flight(arguments.format, &arguments.file, &map)?;
     if flight.skipped_rows() > 0 {
-        eprintln!("bench: {}", flight.skipped);
+        logln!("bench: {}", flight.skipped);
     }
     let flown = flight.airborne_only().unwrap_or(flight);
     let samples: Vec<Sample> =
@@ -162,14 +163,14 @@ pub fn run(arguments: &ReplayArguments) -> anyhow::Result<()> {
         draw(file, &flight, &learning, &best_coast.1)?;
     }
     match arguments.json {
-        true => println!("{}", serde_json::to_string_pretty(&document)?),
+        true => outln!("{}", serde_json::to_string_pretty(&document)?),
         false => print_table(&document),
     }
     Ok(())
 }
 
 fn print_table(document: &Document) {
-    println!(
+    outln!(
         "{} with {}: {} samples used, {} rejected, {} rows skipped\n\
          RMS of the velocity error's norm over the last {:.1} s in the air; {} coasts of {COAST_S} s, one every {COAST_EVERY_S} s\n\
          (and coasts over the whole flight but its first {LEARN_IN_S} s)",
@@ -196,7 +197,7 @@ fn print_table(document: &Document) {
             with_q(row.whole_flight_coast_rms_m_s, row.whole_flight_coast_q_n2_s),
         ]);
     }
-    println!("{table}");
+    outln!("{table}");
 }
 
 /// Samples with an inertial velocity each, and where their second half begins.

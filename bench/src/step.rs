@@ -25,6 +25,7 @@ use nalgebra::{
 use observer::{Centers, Channel, ChannelDesign, DeadZone, DeadZoneShape, Kernel, Learning, MaternOrder};
 use rustix::thread::{CpuSet, sched_getcpu, sched_setaffinity};
 use serde::Serialize;
+use shared_types::{logln, outln};
 use std::f64::consts::TAU;
 use std::hint::black_box;
 use std::path::PathBuf;
@@ -89,7 +90,7 @@ pub fn run(arguments: &StepArguments) -> anyhow::Result<()> {
         plot::check_target(file)?;
     }
     if cfg!(debug_assertions) {
-        eprintln!("warning: this is a debug build, its latencies mean nothing; use cargo run --release");
+        logln!("warning: this is a debug build, its latencies mean nothing; use cargo run --release");
     }
     let machine = Machine::found();
     let progress = progress_bar(arguments.centers.len());
@@ -101,14 +102,14 @@ pub fn run(arguments: &StepArguments) -> anyhow::Result<()> {
     progress.finish_and_clear();
 
     if arguments.json {
-        println!("{}", serde_json::to_string_pretty(&Report { machine: &machine, rows: &rows })?);
+        outln!("{}", serde_json::to_string_pretty(&Report { machine: &machine, rows: &rows })?);
     } else {
         print_table(&machine, &rows);
     }
     if let Some(file) = &arguments.plot {
         draw(file, &rows)?;
         if !arguments.json {
-            println!("plot: {}", file.display());
+            outln!("plot: {}", file.display());
         }
     }
     Ok(())
@@ -624,9 +625,13 @@ fn print_table(machine: &Machine, rows: &[Row]) {
         (Some(core), _) => format!("pinned to core {core}"),
         (None, reason) => format!("not pinned ({})", reason.as_deref().unwrap_or("unknown reason")),
     };
-    println!(
+    outln!(
         "{}, {} cores; {} build with {}; {pinned}; reading the clock takes {} ns, contained in every sample",
-        machine.cpu, machine.cores, machine.profile, machine.vector_instructions, machine.clock_ns
+        machine.cpu,
+        machine.cores,
+        machine.profile,
+        machine.vector_instructions,
+        machine.clock_ns
     );
     let mut table = Table::new();
     table.load_style(presets::UTF8_FULL_CONDENSED).set_header([
@@ -661,24 +666,21 @@ fn print_table(machine: &Machine, rows: &[Row]) {
     for column in table.column_iter_mut().enumerate().filter(|(i, _)| *i != 1).map(|(_, column)| column) {
         column.set_cell_alignment(CellAlignment::Right);
     }
-    println!("{table}");
-    println!(
+    outln!("{table}");
+    outln!(
         "kB: what a step reads of the factor and the centers. Ratios are their median over ours, from the same run."
     );
     if let Some(worst) = rows.iter().filter_map(|row| row.literal_force_difference).reduce(f64::max) {
-        println!(
+        outln!(
             "Literal: the paper's formula with 3N×3N matrices; its force and ours differ by at most {worst:.1e} of the force."
         );
     }
     if let Some(reason) = rows.iter().find_map(|row| row.literal_ratio_reason.as_ref()) {
-        println!("Literal: {reason}.");
+        outln!("Literal: {reason}.");
     }
-    println!("Kalman: adskalman, 6 states and 3 outputs, whatever N is.");
+    outln!("Kalman: adskalman, 6 states and 3 outputs, whatever N is.");
     let open = rows.iter().map(|row| row.dead_zone_open).fold(1.0, f64::min);
-    println!(
-        "Smallest share of our steps outside of the dead zone, that is, learning: {:.1} %.",
-        100.0 * open
-    );
+    outln!("Smallest share of our steps outside of the dead zone, that is, learning: {:.1} %.", 100.0 * open);
 }
 
 fn three_digits(value: f64) -> String {

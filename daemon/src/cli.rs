@@ -8,6 +8,7 @@ use crate::{Service, StartError, say};
 use anyhow::Context;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use comfy_table::{Table, presets::NOTHING};
+use shared_types::outln;
 use shared_types::payload::{LatencySummary, Rejection, Status, command, outcome};
 use shared_types::{Client, ClientError, Domain, DomainError};
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
@@ -178,7 +179,7 @@ fn run(design: &DesignArguments, place: &PlaceArguments) -> anyhow::Result<()> {
 fn config(design: &DesignArguments) -> anyhow::Result<()> {
     let file = design.read()?;
     file.observer()?;
-    print!("{}", file.commented_toml());
+    outln!("{}", file.commented_toml().trim_end());
     Ok(())
 }
 
@@ -193,9 +194,9 @@ fn control(action: ControlAction, json: bool, place: &PlaceArguments) -> anyhow:
     let reply = answer.map_err(|error: ClientError| anyhow::anyhow!(error))?;
     anyhow::ensure!(reply.outcome == outcome::DONE, "refused: {}", reply.text());
     match (json, action) {
-        (true, _) => println!("{}", serde_json::to_string_pretty(&reply.status)?),
+        (true, _) => outln!("{}", serde_json::to_string_pretty(&status_document(&reply.status)?)?),
         (false, ControlAction::Status) => print_status(&reply.status),
-        (false, _) => println!("{}", reply.text()),
+        (false, _) => outln!("{}", reply.text()),
     }
     Ok(())
 }
@@ -210,6 +211,15 @@ impl ControlAction {
             Self::Status => command::STATUS,
         }
     }
+}
+
+/// The status with the reasons of rejection by name.
+fn status_document(status: &Status) -> serde_json::Result<serde_json::Value> {
+    let mut document = serde_json::to_value(status)?;
+    let reasons =
+        Rejection::ALL.map(|reason| (reason.words().replace(' ', "_"), status.rejected(reason).into()));
+    document["samples_rejected"] = serde_json::Value::Object(reasons.into_iter().collect());
+    Ok(document)
 }
 
 fn print_status(status: &Status) {
@@ -240,7 +250,7 @@ fn print_status(status: &Status) {
     fact("coasting", format!("{} ticks", status.ticks_coasting));
     fact("clamped", format!("{} ticks", status.ticks_clamped));
     fact("state resets", status.state_resets.to_string());
-    println!("{facts}\n");
+    outln!("{facts}\n");
 
     let mut latencies = Table::new();
     latencies.load_style(NOTHING);
@@ -254,5 +264,5 @@ fn print_status(status: &Status) {
     latency("step", &status.step_ns);
     latency("input age", &status.input_age_ns);
     latency("source to publish", &status.source_to_publish_ns);
-    println!("{latencies}");
+    outln!("{latencies}");
 }

@@ -26,10 +26,7 @@ pub mod ports;
 
 /// Writes a line to the log, stderr. Whether anyone reads it is not the service's concern.
 macro_rules! say {
-    ($($argument:tt)*) => {{
-        use std::io::Write;
-        let _ = writeln!(std::io::stderr(), "daemon: {}", format_args!($($argument)*));
-    }};
+    ($($argument:tt)*) => { shared_types::logln!("daemon: {}", format_args!($($argument)*)) };
 }
 pub(crate) use say;
 

@@ -7,6 +7,7 @@
 //! | [`domain`] | which shared memory: root path, prefix, and the lock under which anything in it is made |
 //! | [`client`] | what a vehicle's process or a reader uses: publish, wait, peek, command |
 //! | [`clock`] | the one clock of all time stamps |
+//! | [`terminal`] | lines of the programs, to readers that may be gone |
 //!
 //! # Next to your own process
 //!
@@ -43,6 +44,7 @@ pub mod clock;
 pub mod domain;
 pub mod payload;
 pub mod service;
+pub mod terminal;
 
 pub use client::{Client, ClientError};
 pub use domain::{Domain, DomainError};

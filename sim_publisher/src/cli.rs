@@ -8,6 +8,7 @@ use crate::simulation::{DEFAULT_RATE_HZ, Simulation, SimulationError, Simulation
 use clap::{Args, Parser, Subcommand};
 use shared_types::service::ServiceError;
 use shared_types::{ClientError, Domain, DomainError};
+use shared_types::{logln, outln};
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 use std::ffi::OsString;
 use std::path::PathBuf;
@@ -196,7 +197,7 @@ pub fn main_with_args(args: impl IntoIterator<Item = OsString>) -> ExitCode {
     match outcome {
         Ok(()) => ExitCode::SUCCESS,
         Err(failure) => {
-            eprintln!("sim_publisher: {failure}");
+            logln!("sim_publisher: {failure}");
             ExitCode::from(failure.exit_code())
         }
     }
@@ -245,13 +246,10 @@ fn replay(args: &ReplayArgs) -> Result<(), Failure> {
     let mut flight = read_flight(args.format, &args.file, &map)?;
     let file = args.file.display().to_string();
     if flight.skipped_rows() > 0 {
-        eprintln!("'{file}': {}", flight.skipped);
+        logln!("'{file}': {}", flight.skipped);
     }
     if flight.values_not_finite > 0 {
-        eprintln!(
-            "'{file}': {} values not finite; their fields carry no measurement",
-            flight.values_not_finite
-        );
+        logln!("'{file}': {} values not finite; their fields carry no measurement", flight.values_not_finite);
     }
     if args.airborne_only {
         flight = flight.airborne_only().ok_or_else(|| {
@@ -266,7 +264,7 @@ fn replay(args: &ReplayArgs) -> Result<(), Failure> {
         })?;
     }
     if args.speed != 1.0 {
-        eprintln!(
+        logln!(
             "stamps keep the flight's own time while it passes {} times as fast: \
              the service must run with clock = \"samples\" in its configuration",
             args.speed
@@ -306,18 +304,18 @@ fn publish_source(
     }
     let (instance, root) = (&target.instance, domain.root().display());
     let client = connect(&domain, instance, &stop, || {
-        eprintln!(
+        logln!(
             "waiting for the service of instance '{instance}' in {root}; \
              start it: daemon run --instance {instance} --root {root}"
         );
     })?;
     let Some(client) = client else {
-        eprintln!("stopped before the service of instance '{instance}' was there; nothing was published");
+        logln!("stopped before the service of instance '{instance}' was there; nothing was published");
         report(target, &Published { stopped: true, ..Published::default() }, []);
         domain.remove_if_unused()?;
         return Ok(None);
     };
-    eprintln!("publishing to instance '{instance}' in {root}: {what}");
+    logln!("publishing to instance '{instance}' in {root}: {what}");
     let published = publish(&client, source, speed, &stop)?;
     drop(client);
     // The last one of a domain leaves nothing behind; while the service runs this does nothing.
@@ -333,7 +331,7 @@ fn report<const N: usize>(
     let duration_s = published.duration_ns as f64 * 1e-9;
     if !target.json {
         let ending = if published.stopped { ", stopped" } else { "" };
-        println!(
+        outln!(
             "{} samples published, {} dropped on purpose, {duration_s:.3} s, {} more than 1 ms late (at most {:.3} ms){ending}",
             published.samples_published,
             published.samples_dropped,
@@ -354,7 +352,7 @@ fn report<const N: usize>(
     for (key, value) in details {
         document[key] = value;
     }
-    println!("{document}");
+    outln!("{document}");
 }
 
 #[cfg(test)]

@@ -16,6 +16,7 @@ use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use processes::{Child, OwnDomain};
 use shared_types::payload::{Estimate, Status, command, status_bits};
 use shared_types::{Client, Measurement, Truth};
+use shared_types::{logln, outln};
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 use sim_publisher::Scenario;
 use std::path::PathBuf;
@@ -87,10 +88,10 @@ pub fn run(arguments: &DemoArguments) -> anyhow::Result<()> {
     let recording = record(arguments, preset, &config, &stop)?;
     let unseen = recording.status.samples_accepted.saturating_sub(recording.measurements.len() as u64);
     if unseen > 0 {
-        eprintln!("bench: {unseen} samples were too fast for this process to see: the comparison lacks them");
+        logln!("bench: {unseen} samples were too fast for this process to see: the comparison lacks them");
     }
     if stop.load(Ordering::Relaxed) {
-        eprintln!("bench: stopped; the figures are those of the part that ran");
+        logln!("bench: stopped; the figures are those of the part that ran");
     }
     let run = Run::new(recording.truths, recording.measurements, recording.estimates)?;
     let without = run.without_adaptation(&config)?;
@@ -109,7 +110,7 @@ pub fn run(arguments: &DemoArguments) -> anyhow::Result<()> {
     let panels = report::panels(&run, &without, arguments.scenario);
     let plots = plot::draw(&arguments.out.join(name), &title, "time (s)", &panels)?;
     match arguments.json {
-        true => println!("{}", serde_json::to_string_pretty(&report.json(&plots))?),
+        true => outln!("{}", serde_json::to_string_pretty(&report.json(&plots))?),
         false => report.print(&plots),
     }
     Ok(())

@@ -5,6 +5,7 @@ use crate::plot::{Line, LineStyle, Panel};
 use comfy_table::{Table, presets::UTF8_FULL_CONDENSED};
 use serde_json::{Map, Value, json};
 use shared_types::Truth;
+use shared_types::outln;
 use shared_types::payload::{Estimate, LatencySummary, Rejection, Status};
 use sim_publisher::Scenario;
 use std::path::PathBuf;
@@ -35,9 +36,12 @@ const QUANTITIES: [Quantity; 6] = [
 impl Report {
     pub(super) fn print(&self, plots: &[PathBuf]) {
         let status = &self.status;
-        println!(
+        outln!(
             "{} with preset {}: {:.1} s at {} Hz, service and vehicle as two processes\n",
-            self.scenario, self.preset, self.duration_s, self.rate_hz
+            self.scenario,
+            self.preset,
+            self.duration_s,
+            self.rate_hz
         );
         let mut errors = Table::new();
         errors.load_style(UTF8_FULL_CONDENSED);
@@ -54,8 +58,8 @@ impl Report {
                 errors.add_row(std::iter::once(name.to_owned()).chain(cells));
             }
         }
-        println!("{errors}\n");
-        println!(
+        outln!("{errors}\n");
+        outln!(
             "samples: {} sent, {} used, {} lost, {} rejected;  ticks: {}, {} deadlines missed, {} coasting",
             self.samples_sent,
             status.samples_accepted,
@@ -66,7 +70,7 @@ impl Report {
             status.ticks_coasting
         );
         for reason in Rejection::ALL.into_iter().filter(|&reason| status.rejected(reason) > 0) {
-            println!("  rejected: {} {}", status.rejected(reason), reason.words());
+            outln!("  rejected: {} {}", status.rejected(reason), reason.words());
         }
         let mut latencies = Table::new();
         latencies.load_style(UTF8_FULL_CONDENSED);
@@ -80,9 +84,9 @@ impl Report {
             let us = [p50, p90, p99, p999, max].map(|ns| format!("{:.1}", ns as f64 / 1e3));
             latencies.add_row([name.to_owned(), count.to_string()].into_iter().chain(us));
         }
-        println!("{latencies}\n");
+        outln!("{latencies}\n");
         for plot in plots {
-            println!("{}", plot.display());
+            outln!("{}", plot.display());
         }
     }
 
