@@ -62,3 +62,18 @@ impl Kinematics for Attitude {
         next
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A turn about a fixed axis at a rate that rises from 1 to 3 rad/s is by their mean.
+    #[test]
+    fn a_step_turns_by_the_mean_rate() {
+        let axis = Vector3::new(0.6, 0.0, 0.8);
+        let segment =
+            Segment { h_s: 0.25, start: axis, end: 3.0 * axis, integral: Vector3::zeros(), output: None };
+        let turned = Attitude::new(None, 0.0).after(&segment, 0).attitude;
+        assert!(turned.angle_to(&UnitQuaternion::new(0.5 * axis)) < 1e-12);
+    }
+}

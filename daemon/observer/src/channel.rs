@@ -419,8 +419,8 @@ mod tests {
         let mut alpha = DMatrix::<f64>::zeros(27, 3);
         let mut beta = DMatrix::<f64>::zeros(27, 3);
         let (mut ours, mut theirs) = (Vector3::zeros(), Vector3::zeros());
-        let h = 0.005;
         for j in 0..2000 {
+            let h = [0.003, 0.005, 0.007][j % 3];
             let (y, u) = (output(j), Vector3::new(0.3, -0.2, 0.1));
             let mut k = DVector::zeros(27);
             channel.space().kernel_vector(&y, k.as_mut_slice());
