@@ -145,15 +145,14 @@ impl Cycle {
             self.serve(wake_up);
             self.rest();
             let now_ns = monotonic_ns();
-            deadline_ns = match config.trigger {
-                Trigger::Timer => deadline_ns + period_ns,
-                Trigger::Sample => now_ns + period_ns,
+            let missed = match config.trigger {
+                Trigger::Timer => skip_missed(&mut deadline_ns, now_ns, period_ns),
+                Trigger::Sample => {
+                    deadline_ns = now_ns + period_ns;
+                    0
+                }
             };
-            if deadline_ns < now_ns {
-                let missed = (now_ns - deadline_ns) / period_ns + 1;
-                self.counters.deadline_misses += missed;
-                deadline_ns += missed * period_ns;
-            }
+            self.counters.deadline_misses += missed;
         }
     }
 
@@ -313,6 +312,17 @@ impl Cycle {
     }
 }
 
+/// Moves a deadline to the next one of its grid that is not over, and counts those that are.
+fn skip_missed(deadline_ns: &mut u64, now_ns: u64, period_ns: u64) -> u64 {
+    *deadline_ns += period_ns;
+    let missed = match now_ns.checked_sub(*deadline_ns) {
+        Some(late_ns) if late_ns > 0 => late_ns / period_ns + 1,
+        _ => 0,
+    };
+    *deadline_ns += missed * period_ns;
+    missed
+}
+
 /// Sleeps to shortly before the deadline and polls the clock for the rest.
 fn wait_for_deadline(deadline_ns: u64, spin_ns: u64) -> WakeUp {
     let sleep_end_ns = deadline_ns.saturating_sub(spin_ns);
@@ -366,5 +376,26 @@ pub fn to_payload(state: &RigidBodyEstimate) -> Estimate {
         translation: channel(&state.translation),
         rotation: channel(&state.rotation),
         ..Estimate::default()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::skip_missed;
+
+    #[test]
+    fn late_ticks_are_counted_and_skipped_over() {
+        for (now_ns, next_ns, misses) in [
+            (1010, 1100, 0),
+            (1100, 1100, 0),
+            (1101, 1200, 1),
+            (1199, 1200, 1),
+            (1201, 1300, 2),
+            (9950, 10_000, 89),
+        ] {
+            let mut deadline_ns = 1000;
+            assert_eq!(skip_missed(&mut deadline_ns, now_ns, 100), misses, "at {now_ns}");
+            assert_eq!(deadline_ns, next_ns, "at {now_ns}");
+        }
     }
 }

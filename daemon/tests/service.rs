@@ -312,6 +312,47 @@ fn a_state_beyond_its_limits_is_put_back_and_counted() {
     assert!(diverged > 0);
 }
 
+/// Stepping at once on every sample, in the samples' own time, ten times faster than the wall's.
+#[test]
+fn every_sample_has_its_estimate_where_samples_are_trigger_and_clock() {
+    let domain = TestDomain::new();
+    let preset = daemon::config::PRESETS[0].1;
+    let config = tempfile::NamedTempFile::new().unwrap();
+    let text = format!("trigger = \"sample\"\nclock = \"samples\"\n{preset}");
+    std::fs::write(config.path(), text).unwrap();
+    let _daemon = Daemon::start(&domain, &["--config", config.path().to_str().unwrap()]);
+    let client = domain.client();
+    let sensors = client.measurement_publisher().unwrap();
+    let mut estimates = client.estimate_subscriber().unwrap();
+    let start_ns = monotonic_ns();
+    let send = |sequence: u64, start_ns: u64| {
+        let stamp_ns = start_ns + sequence * 5_000_000;
+        sensors.publish(&Measurement { stamp_ns, ..moving(sequence) }).unwrap();
+        std::thread::sleep(Duration::from_micros(500));
+    };
+    (0..200).for_each(|sequence| send(sequence, start_ns));
+    wait_until("all samples to be used", || domain.status().samples_accepted == 200);
+    let mut seen = std::collections::BTreeSet::new();
+    while let Some(estimate) = estimates.take().unwrap() {
+        if estimate.source_stamp_ns > 0 {
+            assert_eq!(estimate.stamp_ns, estimate.source_stamp_ns);
+            assert_eq!(estimate.stamp_ns, start_ns + estimate.source_sequence * 5_000_000);
+            seen.insert(estimate.source_sequence);
+        }
+    }
+    // Two samples may arrive while one is stepped on a busy machine; both are used, one estimate is made.
+    assert!(seen.len() > 150, "{}", seen.len());
+    // Another replay, from the start of the same time: after the silence it is taken, learned weights are kept.
+    std::thread::sleep(Duration::from_millis(250));
+    (0..50).for_each(|sequence| send(sequence, start_ns));
+    wait_until("the second replay", || domain.status().samples_accepted == 250);
+    let newest = client.latest_estimate().unwrap().peek().unwrap();
+    assert!(
+        newest
+            .is_none_or(|estimate| estimate.source_sequence == 49 && estimate.translation.native_norm > 0.0)
+    );
+}
+
 #[test]
 fn without_a_daemon_a_client_says_how_to_start_it() {
     let domain = TestDomain::new();
@@ -416,6 +457,27 @@ fn another_users_directory_is_refused_by_name() {
     let (code, log) = Daemon::start(&domain, &[]).finish();
     assert_eq!(code, Some(1), "{log}");
     assert!(log.contains("user id 12345") && log.contains("--root"), "{log}");
+}
+
+#[test]
+fn a_stopped_daemon_skips_its_missed_ticks() {
+    let domain = TestDomain::new();
+    let daemon = Daemon::start(&domain, &[]);
+    let client = domain.client();
+    let mut estimates = client.estimate_subscriber().unwrap();
+    estimates.wait_next(PATIENCE).unwrap();
+    daemon.signal(Signal::STOP);
+    std::thread::sleep(Duration::from_millis(400));
+    daemon.signal(Signal::CONT);
+    std::thread::sleep(Duration::from_millis(300));
+    assert!(domain.status().deadline_misses > 60);
+    let mut stamps_ns = Vec::new();
+    while let Some(estimate) = estimates.take().unwrap() {
+        stamps_ns.push(estimate.stamp_ns);
+    }
+    // No burst: the first tick after the stop may be close to the next of the grid, no other.
+    let close = stamps_ns.windows(2).filter(|pair| pair[1] - pair[0] < 1_000_000).count();
+    assert!(close <= 3, "{close} estimates within a millisecond of the one before");
 }
 
 #[test]
