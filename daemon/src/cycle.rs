@@ -1,8 +1,9 @@
 //! The tick: wake up, take every queued sample, step to its stamp, propagate, publish; then the slack.
 //!
 //! [`Cycle::serve`] is all that happens between wake-up and publication: no allocation, no system call, no
-//! lock, no log line. (A reader or source that connects in the very sleep before it is mapped in it, once.) [`Cycle::rest`] does what can wait until after publication. [`Cycle::run`] keeps the
-//! deadlines: absolute, on CLOCK_MONOTONIC; a late tick is counted and skipped over, never made up.
+//! lock, no log line. (A reader or source that connects in the very sleep before is mapped in it, once.)
+//! [`Cycle::rest`] does what can wait until after publication. [`Cycle::run`] keeps the deadlines: absolute,
+//! on CLOCK_MONOTONIC; a late tick is counted and skipped over, never made up.
 
 use crate::config::{Clock, Config, InputConfig, Trigger};
 use crate::gate::{Accepted, Gate};
