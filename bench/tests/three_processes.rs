@@ -16,18 +16,6 @@ fn status(client: &Client) -> Status {
     client.command(command::STATUS, PATIENCE).unwrap().status
 }
 
-fn is_finite(estimate: &Estimate) -> bool {
-    let vectors = [
-        estimate.position_m,
-        estimate.velocity_m_s,
-        estimate.euler_rad,
-        estimate.angular_velocity_rad_s,
-        estimate.matched_force_n,
-        estimate.matched_torque_n_m,
-    ];
-    vectors.iter().flatten().chain(&estimate.attitude_wxyz).all(|value| value.is_finite())
-}
-
 /// Runs the vehicle and reads beside it; what the vehicle says it sent, and what was read.
 fn exchange(duration_s: u64, vehicle: &[&str]) -> (serde_json::Value, Status, Vec<Estimate>) {
     let domain = TestDomain::new();
@@ -72,7 +60,7 @@ fn assert_accounted_for(sent: &serde_json::Value, status: &Status, received: &[E
     let trailing = published + dropped - (status.newest_sequence + 1);
     assert!(trailing <= dropped, "{trailing} samples after the newest one used");
     assert!(status.samples_accepted <= published);
-    assert!(received.iter().all(is_finite));
+    assert!(received.iter().all(Estimate::is_finite));
     // This reader may be kept from its processor for longer than its queue lasts; then the gap shows.
     let all = received.last().unwrap().sequence - received[0].sequence + 1;
     assert!(10 * received.len() as u64 > 9 * all, "{} of {all} estimates read", received.len());
@@ -106,7 +94,7 @@ fn assert_resumes(client: &Client, what: &str) -> Duration {
     loop {
         let estimate = latest.peek().unwrap().unwrap_or_default();
         if estimate.source_stamp_ns > now_ns {
-            assert!(is_finite(&estimate));
+            assert!(estimate.is_finite());
             return start.elapsed();
         }
         assert!(start.elapsed() < PATIENCE, "after {what}: the stream does not resume");

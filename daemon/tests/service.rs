@@ -2,7 +2,7 @@
 
 mod common;
 
-use common::{Daemon, PATIENCE, TestDomain, daemon_command, finished, is_finite, wait_until};
+use common::{Daemon, PATIENCE, TestDomain, daemon_command, finished, wait_until};
 use iceoryx2::prelude::*;
 use rustix::process::Signal;
 use shared_types::client::Latest;
@@ -54,7 +54,7 @@ fn samples_go_in_and_estimates_come_out() {
         assert!(pair[1].stamp_ns > pair[0].stamp_ns);
         assert!(pair[1].publish_stamp_ns >= pair[1].stamp_ns);
     }
-    assert!(received.iter().all(is_finite));
+    assert!(received.iter().all(Estimate::is_finite));
     let tracking = received.iter().filter(|e| e.status & status_bits::TRACKING != 0).count();
     assert!(tracking > received.len() / 2, "{tracking} of {}", received.len());
     let newest_one = newest(&mut latest);
@@ -73,7 +73,7 @@ fn samples_go_in_and_estimates_come_out() {
     let stale = newest(&mut latest);
     assert_eq!(stale.status & status_bits::COASTING, status_bits::COASTING);
     assert_eq!(stale.status & status_bits::ADAPTING, 0);
-    assert!(is_finite(&stale));
+    assert!(stale.is_finite());
     drop((sensors, estimates, latest, client));
     let (code, log) = daemon.stop();
     assert_eq!(code, Some(0), "{log}");
@@ -126,7 +126,7 @@ fn bad_samples_are_rejected_counted_and_do_no_harm() {
     assert_eq!(status.samples_lost, 8);
     let mut rejected_bit = false;
     while let Some(estimate) = estimates.take().unwrap() {
-        assert!(is_finite(&estimate));
+        assert!(estimate.is_finite());
         rejected_bit |= estimate.status & status_bits::REJECTED_SAMPLE != 0;
     }
     assert!(rejected_bit);
@@ -310,7 +310,7 @@ fn a_state_beyond_its_limits_is_put_back_and_counted() {
     let mut diverged = 0;
     while let Some(estimate) = estimates.take().unwrap() {
         let force = estimate.matched_force_n.iter().map(|f| f * f).sum::<f64>().sqrt();
-        assert!(is_finite(&estimate) && force <= 2.0, "{force}");
+        assert!(estimate.is_finite() && force <= 2.0, "{force}");
         diverged += u64::from(estimate.status & status_bits::DIVERGED != 0);
     }
     assert!(diverged > 0);

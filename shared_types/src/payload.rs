@@ -225,6 +225,21 @@ pub struct Estimate {
     pub rotation: Channel,
 }
 
+impl Estimate {
+    /// Whether every component of state and forces is a finite number.
+    pub fn is_finite(&self) -> bool {
+        let vectors = [
+            self.position_m,
+            self.velocity_m_s,
+            self.euler_rad,
+            self.angular_velocity_rad_s,
+            self.matched_force_n,
+            self.matched_torque_n_m,
+        ];
+        vectors.iter().flatten().chain(&self.attitude_wxyz).all(|component| component.is_finite())
+    }
+}
+
 /// Quantiles of one latency (ns) since the service started.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, ZeroCopySend, Serialize, Deserialize)]

@@ -2,7 +2,7 @@
 
 #![allow(dead_code, unreachable_pub)] // each test file uses its part
 
-use shared_types::payload::{Estimate, Status, command};
+use shared_types::payload::{Status, command};
 use shared_types::{Client, Domain};
 use std::io::Read;
 use std::path::Path;
@@ -110,16 +110,4 @@ pub fn wait_until(what: &str, mut test: impl FnMut() -> bool) {
         assert!(Instant::now() < deadline, "waited {PATIENCE:?} for: {what}");
         std::thread::sleep(Duration::from_millis(2));
     }
-}
-
-pub fn is_finite(estimate: &Estimate) -> bool {
-    let vectors = [
-        estimate.position_m,
-        estimate.velocity_m_s,
-        estimate.euler_rad,
-        estimate.angular_velocity_rad_s,
-        estimate.matched_force_n,
-        estimate.matched_torque_n_m,
-    ];
-    vectors.iter().flatten().chain(&estimate.attitude_wxyz).all(|value| value.is_finite())
 }
