@@ -424,6 +424,7 @@ fn a_service_of_another_type_or_quality_is_refused_with_the_reason() {
 #[test]
 fn half_made_files_of_a_killed_process_are_cleaned_at_the_start() {
     let domain = TestDomain::new();
+    drop(domain.domain.lock_for_making().unwrap());
     let prefix = domain.domain.prefix();
     let services = domain.root().join("services");
     std::fs::create_dir(&services).unwrap();
