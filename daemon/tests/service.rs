@@ -2,7 +2,7 @@
 
 mod common;
 
-use common::{Daemon, PATIENCE, TestDomain, daemon_command, finished, wait_until};
+use common::{Daemon, PATIENCE, TestDomain, daemon_command, finished, preset_between, wait_until};
 use iceoryx2::prelude::*;
 use rustix::process::Signal;
 use shared_types::client::Latest;
@@ -67,6 +67,16 @@ fn samples_go_in_and_estimates_come_out() {
     assert_eq!(status.source_pid, u64::from(std::process::id()));
     assert_eq!(status.other_source_pid, 0);
     assert_eq!(status.step_ns.count, status.ticks);
+
+    // The same on the status topic, waited for and at a glance.
+    let next = client.status_subscriber().unwrap().wait_next(PATIENCE).unwrap();
+    assert!(next.ticks > 0 && next.rate_millihertz == 200_000);
+    let mut at_a_glance = client.latest_status().unwrap();
+    wait_until("a newer status", || {
+        at_a_glance.peek().unwrap().is_some_and(|newer| newer.sequence > next.sequence)
+    });
+    assert_eq!(at_a_glance.peek().unwrap().unwrap().samples_accepted, 200);
+    drop(at_a_glance);
 
     // Silence: first coasting, then stale; still finite, still published.
     wait_until("stale", || newest(&mut latest).status & status_bits::STALE != 0);
@@ -164,9 +174,7 @@ fn a_field_that_is_missing_makes_only_its_channel_coast() {
 fn of_two_sources_the_first_wins_and_the_other_is_named() {
     let domain = TestDomain::new();
     // Longer than a busy machine may keep this test from its processor.
-    let preset = daemon::config::PRESETS[0].1;
-    let config = tempfile::NamedTempFile::new().unwrap();
-    std::fs::write(config.path(), format!("{preset}\n[input]\ntakeover_after_s = 1.0\n")).unwrap();
+    let config = preset_between("", "[input]\ntakeover_after_s = 1.0");
     let _daemon = Daemon::start(&domain, &["--config", config.path().to_str().unwrap()]);
     let (first, second) = (domain.client(), domain.client());
     let (a, b) = (first.measurement_publisher().unwrap(), second.measurement_publisher().unwrap());
@@ -292,10 +300,8 @@ fn commands_are_carried_out_and_answered() {
 #[test]
 fn a_state_beyond_its_limits_is_put_back_and_counted() {
     let domain = TestDomain::new();
-    let preset = daemon::config::PRESETS[0].1;
-    let config = tempfile::NamedTempFile::new().unwrap();
     // The learned force passes this soon: gravity is in the preset, and no thrust is commanded.
-    std::fs::write(config.path(), format!("{preset}\n[input]\nmax_unknown_force_n = 2.0\n")).unwrap();
+    let config = preset_between("", "[input]\nmax_unknown_force_n = 2.0");
     let _daemon = Daemon::start(&domain, &["--config", config.path().to_str().unwrap()]);
     let client = domain.client();
     let sensors = client.measurement_publisher().unwrap();
@@ -320,10 +326,7 @@ fn a_state_beyond_its_limits_is_put_back_and_counted() {
 #[test]
 fn every_sample_has_its_estimate_where_samples_are_trigger_and_clock() {
     let domain = TestDomain::new();
-    let preset = daemon::config::PRESETS[0].1;
-    let config = tempfile::NamedTempFile::new().unwrap();
-    let text = format!("trigger = \"sample\"\nclock = \"samples\"\n{preset}");
-    std::fs::write(config.path(), text).unwrap();
+    let config = preset_between("trigger = \"sample\"\nclock = \"samples\"", "");
     let _daemon = Daemon::start(&domain, &["--config", config.path().to_str().unwrap()]);
     let client = domain.client();
     let sensors = client.measurement_publisher().unwrap();

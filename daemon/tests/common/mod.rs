@@ -98,6 +98,13 @@ impl Drop for Daemon {
     }
 }
 
+/// The preset `rigid-body` as a file, with lines before its first key and after its last table.
+pub fn preset_between(before: &str, after: &str) -> tempfile::NamedTempFile {
+    let file = tempfile::NamedTempFile::new().unwrap();
+    std::fs::write(file.path(), format!("{before}\n{}\n{after}\n", daemon::config::PRESETS[0].1)).unwrap();
+    file
+}
+
 /// Exit code, stdout and stderr of a finished command.
 pub fn finished(output: Output) -> (Option<i32>, String, String) {
     let text = |bytes| String::from_utf8(bytes).unwrap();
