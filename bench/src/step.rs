@@ -22,7 +22,10 @@ use indicatif::{ProgressBar, ProgressStyle};
 use nalgebra::{
     DMatrix, DVector, Matrix3, Matrix3x6, Matrix3xX, Matrix6, Matrix6x3, U3, U6, Vector3, Vector6,
 };
-use observer::{Centers, Channel, ChannelDesign, DeadZone, DeadZoneShape, Kernel, Learning, MaternOrder};
+use observer::{
+    Centers, Channel, ChannelDesign, DeadZone, DeadZoneShape, DisturbanceBounds, Kernel, Learning,
+    LengthScale, RadialFunction,
+};
 use rustix::thread::{CpuSet, sched_getcpu, sched_setaffinity};
 use serde::Serialize;
 use shared_types::{logln, outln};
@@ -123,7 +126,7 @@ fn progress_bar(n_sizes: usize) -> ProgressBar {
 }
 
 // The paper's translation channel (§V-C): m = 4 kg, λ = 10 /s, Γ = 100 kg/s², k = 3, ℓ = 1 m/s.
-const KERNEL: Kernel = Kernel::SobolevMatern { order: MaternOrder::Three };
+const KERNEL: Kernel = Kernel::SobolevMatern { dimension: 3, order: 3 };
 const LENGTH_SCALE: f64 = 1.0;
 const MASS_KG: f64 = 4.0;
 const GAIN_PER_S: f64 = 10.0;
@@ -136,16 +139,16 @@ fn dead_zone() -> anyhow::Result<DeadZone> {
 }
 
 fn channel(centers: Centers) -> anyhow::Result<Channel> {
-    Ok(Channel::new(ChannelDesign {
+    Ok(Channel::new(&ChannelDesign {
         kernel: KERNEL,
-        length_scale: LENGTH_SCALE,
+        length_scale: LengthScale::Isotropic(LENGTH_SCALE),
         centers,
         nugget: 0.0,
         inertia: Matrix3::identity() * MASS_KG,
         gain_per_s: GAIN_PER_S,
         adaptation_rate: Matrix3::identity() * ADAPTATION_RATE,
         dead_zone: dead_zone()?,
-        noise_bound: 0.0,
+        bounds: DisturbanceBounds::default(),
         hold_s: STEP_S,
         coast_step_s: STEP_S,
     })?)
@@ -161,10 +164,10 @@ fn centers(n_centers: usize) -> anyhow::Result<(Centers, String)> {
     // Roberts' R₃ sequence, whose points keep a distance of the order of N^{−1/3}; random ones would come so
     // close that the Gram matrix is singular. The seed is the first point, the middle of the box.
     let ratio = 1.220_744_084_605_759_5_f64; // x⁴ = x + 1
-    let point = |i: usize| {
+    let point = |i: usize| -> [f64; 3] {
         std::array::from_fn(|axis| 2.0 * (0.5 + i as f64 * ratio.powi(-(axis as i32 + 1))).fract() - 1.0)
     };
-    Ok((Centers::listed((0..n_centers).map(point).collect())?, "quasi-random".into()))
+    Ok((Centers::listed((0..n_centers).map(point).collect::<Vec<_>>())?, "quasi-random".into()))
 }
 
 /// A closed curve through [−0.9, 0.9]³, one output every step of 5 ms. It moves at 2 to 3 m/s², so that an
@@ -193,6 +196,7 @@ fn wandering_outputs() -> Vec<Vector3<f64>> {
 ///
 /// 𝕂⁻¹ is made beforehand, and the scalar Γ comes last, so that no step is charged for scaling a matrix.
 struct LiteralChannel {
+    kernel: RadialFunction,
     centers: Vec<Vector3<f64>>,
     gram_inverse: DMatrix<f64>,
     coefficients: DVector<f64>,
@@ -201,11 +205,12 @@ struct LiteralChannel {
 
 impl LiteralChannel {
     fn new(channel: &Channel) -> anyhow::Result<Self> {
-        let space = channel.space();
+        let space = channel.law.space();
         let gram = space.gram();
         let inverse = gram.cholesky().context("the Gram matrix is not positive definite")?.inverse();
         Ok(Self {
-            centers: space.centers().points().iter().map(|&point| point.into()).collect(),
+            kernel: KERNEL.radial(3)?,
+            centers: space.centers().points().map(Vector3::from_column_slice).collect(),
             gram_inverse: inverse.kronecker(&Matrix3::identity()),
             coefficients: DVector::zeros(3 * space.n_centers()),
             dead_zone: dead_zone()?,
@@ -215,7 +220,7 @@ impl LiteralChannel {
     fn kernel_operator(&self, y: &Vector3<f64>) -> Matrix3xX<f64> {
         let mut operator = Matrix3xX::zeros(3 * self.centers.len());
         for (j, center) in self.centers.iter().enumerate() {
-            let kernel = KERNEL.value((center - y).norm() / LENGTH_SCALE);
+            let kernel = self.kernel.value((center - y).norm() / LENGTH_SCALE);
             operator.fixed_view_mut::<3, 3>(0, 3 * j).fill_diagonal(kernel);
         }
         operator
@@ -319,7 +324,7 @@ fn check_agreement(
     let (mut difference, mut largest): (f64, f64) = (0.0, 0.0);
     for output in &outputs[..CHECKED_STEPS] {
         ours = channel.step(&ours, output, &INPUT, STEP_S);
-        let (our_force, _) = channel.matched_force_at(output, &Learning::default());
+        let (our_force, _) = channel.law.matched_force_at(output, &Learning::none());
         let their_force;
         (theirs, their_force) = literal.step(&theirs, output, &INPUT);
         difference = difference.max((our_force - their_force).amax()).max((ours - theirs).amax());
@@ -331,7 +336,7 @@ fn check_agreement(
             "ours and the literal formula differ by {relative:.1e} of the force after {CHECKED_STEPS} steps; \
              needed: at most {TOLERANCE:.0e}. One of them is wrong, or the Gram matrix is too badly \
              conditioned (here {:.1e}) to compare them: choose fewer centers or a lower --literal-up-to",
-            channel.space().gram_condition()
+            channel.law.space().gram_condition()
         );
     }
     Ok(relative)
@@ -444,7 +449,7 @@ fn measure(n_centers: usize, arguments: &StepArguments, progress: &ProgressBar) 
     let output = |i: usize| &outputs[i % outputs.len()];
     let (centers, centers_kind) = centers(n_centers)?;
     let mut channel = channel(centers)?;
-    let bytes = channel.space().bytes();
+    let bytes = channel.law.space().bytes();
 
     let mut literal = match n_centers <= arguments.literal_up_to {
         true => Some(LiteralChannel::new(&channel)?),
@@ -462,7 +467,7 @@ fn measure(n_centers: usize, arguments: &StepArguments, progress: &ProgressBar) 
     let mut n_open = 0;
     for i in 0..COUNTED_STEPS {
         estimate = channel.step(&estimate, output(i), &input, STEP_S);
-        n_open += usize::from(channel.output_error_norm() > DEAD_ZONE_WIDTH);
+        n_open += usize::from(channel.law.output_error().norm() > DEAD_ZONE_WIDTH);
     }
     let mut ours = Contestant::new(
         |i| {
@@ -765,7 +770,7 @@ mod tests {
             let mut literal = LiteralChannel::new(&channel).unwrap();
             let difference = check_agreement(&mut channel, &mut literal, &outputs).unwrap();
             assert!(difference < TOLERANCE, "N = {n_centers}: {difference:e}");
-            assert!(channel.native_norm() > 1.0, "nothing was learned");
+            assert!(channel.law.native_norm() > 1.0, "nothing was learned");
         }
     }
 
@@ -783,7 +788,7 @@ mod tests {
         for n_centers in [2, 50, 200, 500] {
             let (centers, kind) = centers(n_centers).unwrap();
             assert_eq!((centers.n_centers(), kind.as_str()), (n_centers, "quasi-random"));
-            let (.., distance) = centers.closest_pair().unwrap();
+            let (.., distance) = centers.closest_pair(&[1.0; 3]).unwrap();
             assert!(distance > 0.5 * (n_centers as f64).cbrt().recip(), "N = {n_centers}: {distance}");
             channel(centers).unwrap();
         }

@@ -5,8 +5,8 @@
 
 use nalgebra::{Matrix3, Quaternion, UnitQuaternion, Vector3};
 use observer::{
-    Centers, ChannelDesign, DeadZone, DeadZoneShape, DesignError, GyroscopicTorque, InitialState, Kernel,
-    MaternOrder, Parameter, RigidBodyObserver, RotationDesign, TranslationDesign,
+    Centers, ChannelDesign, DeadZone, DeadZoneShape, DesignError, DisturbanceBounds, GyroscopicTorque,
+    InitialState, Kernel, LengthScale, Parameter, RigidBodyObserver, RotationDesign, TranslationDesign,
 };
 use serde::{Deserialize, Serialize};
 use std::path::Path;
@@ -193,29 +193,81 @@ impl SymmetricMatrix {
     }
 }
 
-/// The kernel κ.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+/// The kernel κ by name: `sobolev-matern-K` with the order K, `gaussian`, `wendland-c2`, `wendland-c4`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(try_from = "String", into = "String")]
 pub enum KernelName {
-    /// Sobolev–Matérn on ℝ³, k = 2.
-    #[serde(rename = "sobolev-matern-2")]
-    SobolevMatern2,
-    /// Sobolev–Matérn on ℝ³, k = 3.
-    #[default]
-    #[serde(rename = "sobolev-matern-3")]
-    SobolevMatern3,
-    /// Sobolev–Matérn on ℝ³, k = 4.
-    #[serde(rename = "sobolev-matern-4")]
-    SobolevMatern4,
+    /// Sobolev–Matérn of order k.
+    SobolevMatern(usize),
+    /// Gaussian.
+    Gaussian,
+    /// Wendland's C².
+    WendlandC2,
+    /// Wendland's C⁴.
+    WendlandC4,
+}
+
+impl Default for KernelName {
+    fn default() -> Self {
+        Self::SobolevMatern(3)
+    }
+}
+
+impl TryFrom<String> for KernelName {
+    type Error = String;
+
+    fn try_from(name: String) -> Result<Self, String> {
+        let order = name.strip_prefix("sobolev-matern-").and_then(|order| order.parse().ok());
+        match (name.as_str(), order) {
+            (_, Some(order)) => Ok(Self::SobolevMatern(order)),
+            ("gaussian", _) => Ok(Self::Gaussian),
+            ("wendland-c2", _) => Ok(Self::WendlandC2),
+            ("wendland-c4", _) => Ok(Self::WendlandC4),
+            _ => Err(format!(
+                "unknown kernel \"{name}\", expected \"sobolev-matern-K\" with its order K, \"gaussian\", \"wendland-c2\" or \"wendland-c4\""
+            )),
+        }
+    }
+}
+
+impl From<KernelName> for String {
+    fn from(name: KernelName) -> Self {
+        match name {
+            KernelName::SobolevMatern(order) => format!("sobolev-matern-{order}"),
+            KernelName::Gaussian => "gaussian".into(),
+            KernelName::WendlandC2 => "wendland-c2".into(),
+            KernelName::WendlandC4 => "wendland-c4".into(),
+        }
+    }
 }
 
 impl KernelName {
-    fn kernel(self) -> Kernel {
-        let order = match self {
-            Self::SobolevMatern2 => MaternOrder::Two,
-            Self::SobolevMatern3 => MaternOrder::Three,
-            Self::SobolevMatern4 => MaternOrder::Four,
-        };
-        Kernel::SobolevMatern { order }
+    fn kernel(self, dimension: usize) -> Kernel {
+        match self {
+            Self::SobolevMatern(order) => Kernel::SobolevMatern { dimension, order },
+            Self::Gaussian => Kernel::Gaussian,
+            Self::WendlandC2 => Kernel::WendlandC2,
+            Self::WendlandC4 => Kernel::WendlandC4,
+        }
+    }
+}
+
+/// A length scale: one number, or one per axis.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(untagged, expecting = "expected a number, or one number per axis")]
+pub enum LengthScaleConfig {
+    /// The same along all axes.
+    Isotropic(f64),
+    /// One per axis.
+    PerAxis(Vec<f64>),
+}
+
+impl LengthScaleConfig {
+    fn length_scale(&self) -> LengthScale {
+        match self {
+            Self::Isotropic(scale) => LengthScale::Isotropic(*scale),
+            Self::PerAxis(scales) => LengthScale::PerAxis(scales.clone()),
+        }
     }
 }
 
@@ -228,6 +280,8 @@ pub enum DeadZoneName {
     Saturated,
     /// 0, then a parabola over the buffer, then a straight line without bound.
     Quadratic,
+    /// 0 inside of the width, 1 outside; the buffer is not used.
+    Step,
 }
 
 /// Who accounts for −ω × Iω.
@@ -263,8 +317,8 @@ pub struct TranslationConfig {
     /// κ.
     #[serde(default)]
     pub kernel: KernelName,
-    /// ℓ (m/s).
-    pub length_scale_m_s: f64,
+    /// ℓ (m/s), one or one per axis.
+    pub length_scale_m_s: LengthScaleConfig,
     /// Lower corner of the lattice of centers (m/s).
     #[serde(skip_serializing_if = "Option::is_none")]
     pub centers_lower_m_s: Option<[f64; 3]>,
@@ -289,6 +343,12 @@ pub struct TranslationConfig {
     pub dead_zone_buffer_m_s: f64,
     /// δ̄: bound on the norm of the measurement error (m/s).
     pub noise_bound_m_s: f64,
+    /// ξ̄: bound on the norm of the force that is no function of the velocity (N).
+    #[serde(default)]
+    pub unmatched_force_bound_n: f64,
+    /// r_f: bound on the native norm of the part of the unknown force that the centers cannot represent (N).
+    #[serde(default)]
+    pub residual_norm_bound_n: f64,
     /// L_r, dimensionless.
     #[serde(default)]
     pub velocity_error_to_position: f64,
@@ -319,8 +379,8 @@ pub struct RotationConfig {
     /// κ.
     #[serde(default)]
     pub kernel: KernelName,
-    /// ℓ (rad/s).
-    pub length_scale_rad_s: f64,
+    /// ℓ (rad/s), one or one per axis.
+    pub length_scale_rad_s: LengthScaleConfig,
     /// Lower corner of the lattice of centers (rad/s).
     #[serde(skip_serializing_if = "Option::is_none")]
     pub centers_lower_rad_s: Option<[f64; 3]>,
@@ -345,6 +405,12 @@ pub struct RotationConfig {
     pub dead_zone_buffer_rad_s: f64,
     /// δ̄: bound on the norm of the measurement error (rad/s).
     pub noise_bound_rad_s: f64,
+    /// ξ̄: bound on the norm of the torque that is no function of the angular velocity (N·m).
+    #[serde(default)]
+    pub unmatched_torque_bound_n_m: f64,
+    /// r_f: bound on the native norm of the part of the unknown torque that the centers cannot represent (N·m).
+    #[serde(default)]
+    pub residual_norm_bound_n_m: f64,
     /// L_q (1/s).
     #[serde(default)]
     pub attitude_fix_gain_per_s: f64,
@@ -647,6 +713,7 @@ fn dead_zone(name: DeadZoneName, width: f64, buffer: f64) -> Result<DeadZone, De
     let shape = match name {
         DeadZoneName::Saturated => DeadZoneShape::Saturated,
         DeadZoneName::Quadratic => DeadZoneShape::Quadratic,
+        DeadZoneName::Step => DeadZoneShape::Step,
     };
     DeadZone::new(shape, width, buffer)
 }
@@ -670,15 +737,19 @@ impl TranslationConfig {
         }
         Ok(TranslationDesign {
             channel: ChannelDesign {
-                kernel: self.kernel.kernel(),
-                length_scale: self.length_scale_m_s,
+                kernel: self.kernel.kernel(3),
+                length_scale: self.length_scale_m_s.length_scale(),
                 centers: centers.centers()?,
                 nugget: self.nugget,
                 inertia: Matrix3::identity() * self.mass_kg,
                 gain_per_s: self.gain_per_s,
                 adaptation_rate: self.adaptation_rate_kg_s2.matrix(),
                 dead_zone: dead_zone(self.dead_zone, self.dead_zone_width_m_s, self.dead_zone_buffer_m_s)?,
-                noise_bound: self.noise_bound_m_s,
+                bounds: DisturbanceBounds {
+                    noise: self.noise_bound_m_s,
+                    unmatched: self.unmatched_force_bound_n,
+                    residual_norm: self.residual_norm_bound_n,
+                },
                 hold_s: HOLD_PERIODS / self.sample_rate_hz.unwrap_or(rate_hz),
                 coast_step_s: rate_hz.recip(),
             },
@@ -700,8 +771,8 @@ impl RotationConfig {
         };
         Ok(RotationDesign {
             channel: ChannelDesign {
-                kernel: self.kernel.kernel(),
-                length_scale: self.length_scale_rad_s,
+                kernel: self.kernel.kernel(3),
+                length_scale: self.length_scale_rad_s.length_scale(),
                 centers: centers.centers()?,
                 nugget: self.nugget,
                 inertia: self.inertia_kg_m2.matrix(),
@@ -712,7 +783,11 @@ impl RotationConfig {
                     self.dead_zone_width_rad_s,
                     self.dead_zone_buffer_rad_s,
                 )?,
-                noise_bound: self.noise_bound_rad_s,
+                bounds: DisturbanceBounds {
+                    noise: self.noise_bound_rad_s,
+                    unmatched: self.unmatched_torque_bound_n_m,
+                    residual_norm: self.residual_norm_bound_n_m,
+                },
                 hold_s: HOLD_PERIODS / self.sample_rate_hz.unwrap_or(rate_hz),
                 coast_step_s: rate_hz.recip(),
             },
@@ -740,6 +815,9 @@ fn key_of(table: &str, parameter: Parameter) -> &'static str {
         Parameter::DeadZoneWidth => pick("dead_zone_width_m_s", "dead_zone_width_rad_s"),
         Parameter::DeadZoneBuffer => pick("dead_zone_buffer_m_s", "dead_zone_buffer_rad_s"),
         Parameter::NoiseBound => pick("noise_bound_m_s", "noise_bound_rad_s"),
+        Parameter::UnmatchedBound => pick("unmatched_force_bound_n", "unmatched_torque_bound_n_m"),
+        Parameter::ResidualNorm => pick("residual_norm_bound_n", "residual_norm_bound_n_m"),
+        Parameter::Kernel => "kernel",
         Parameter::Hold | Parameter::CoastStep => "sample_rate_hz",
         Parameter::Fix => pick("position_fix_gain_per_s", "attitude_fix_gain_per_s"),
         Parameter::Channels => "",
@@ -804,10 +882,13 @@ const KEYS: &[(&str, &str)] = &[
         "translation.adaptation_rate_kg_s2",
         "Adaptation rate Γ_f: a number, three numbers (diagonal) or 3 × 3.",
     ),
-    ("translation.kernel", "\"sobolev-matern-2\", -3 or -4: the higher, the smoother the learned force."),
+    (
+        "translation.kernel",
+        "Kernel κ: \"sobolev-matern-K\" (K = 2, 3, …: the higher, the smoother what is learned), \"gaussian\", \"wendland-c2\", \"wendland-c4\".",
+    ),
     (
         "translation.length_scale_m_s",
-        "Length scale ℓ of the kernel: speeds this far apart share what is learned.",
+        "Length scale ℓ of the kernel: speeds this far apart share what is learned. One number, or one per axis.",
     ),
     ("translation.centers_lower_m_s", "Lower corner of the lattice of kernel centers, in velocity."),
     ("translation.centers_upper_m_s", "Upper corner of the lattice of kernel centers, in velocity."),
@@ -819,11 +900,19 @@ const KEYS: &[(&str, &str)] = &[
     ),
     (
         "translation.dead_zone",
-        "Shape of the dead zone σ: \"saturated\" or \"quadratic\" (the paper's, corrected).",
+        "Shape of the dead zone σ: \"saturated\", \"quadratic\" (the paper's, corrected) or \"step\" (Theorem 1; ignores the buffer).",
     ),
     ("translation.dead_zone_width_m_s", "Dead zone d: output errors up to this are taken for noise."),
     ("translation.dead_zone_buffer_m_s", "Buffer ε over which the dead zone opens."),
     ("translation.noise_bound_m_s", "Bound δ̄ on the norm of the velocity measurement's error."),
+    (
+        "translation.unmatched_force_bound_n",
+        "Bound ξ̄ on the force that is no function of the velocity (gusts); it widens the guarantees, not the estimate.",
+    ),
+    (
+        "translation.residual_norm_bound_n",
+        "Bound r_f on the native norm of what the centers cannot represent of the unknown force; it widens the guarantees.",
+    ),
     (
         "translation.velocity_error_to_position",
         "Gain L_r of the velocity error into the position; 0 is dead reckoning.",
@@ -845,10 +934,13 @@ const KEYS: &[(&str, &str)] = &[
         "Observer gain λ: how fast the angular-velocity estimate follows the measurement.",
     ),
     ("rotation.adaptation_rate_n_m", "Adaptation rate Γ_f: a number, three numbers (diagonal) or 3 × 3."),
-    ("rotation.kernel", "\"sobolev-matern-2\", -3 or -4: the higher, the smoother the learned torque."),
+    (
+        "rotation.kernel",
+        "Kernel κ: \"sobolev-matern-K\" (K = 2, 3, …: the higher, the smoother what is learned), \"gaussian\", \"wendland-c2\", \"wendland-c4\".",
+    ),
     (
         "rotation.length_scale_rad_s",
-        "Length scale ℓ of the kernel: rates this far apart share what is learned.",
+        "Length scale ℓ of the kernel: rates this far apart share what is learned. One number, or one per axis.",
     ),
     ("rotation.centers_lower_rad_s", "Lower corner of the lattice of kernel centers, in angular velocity."),
     ("rotation.centers_upper_rad_s", "Upper corner of the lattice of kernel centers, in angular velocity."),
@@ -857,11 +949,19 @@ const KEYS: &[(&str, &str)] = &[
     ("rotation.nugget", "Added to the Gram matrix's diagonal as a multiple of κ(0); 0 is the paper's law."),
     (
         "rotation.dead_zone",
-        "Shape of the dead zone σ: \"saturated\" or \"quadratic\" (the paper's, corrected).",
+        "Shape of the dead zone σ: \"saturated\", \"quadratic\" (the paper's, corrected) or \"step\" (Theorem 1; ignores the buffer).",
     ),
     ("rotation.dead_zone_width_rad_s", "Dead zone d: output errors up to this are taken for noise."),
     ("rotation.dead_zone_buffer_rad_s", "Buffer ε over which the dead zone opens."),
     ("rotation.noise_bound_rad_s", "Bound δ̄ on the norm of the angular-velocity measurement's error."),
+    (
+        "rotation.unmatched_torque_bound_n_m",
+        "Bound ξ̄ on the torque that is no function of the angular velocity; it widens the guarantees, not the estimate.",
+    ),
+    (
+        "rotation.residual_norm_bound_n_m",
+        "Bound r_f on the native norm of what the centers cannot represent of the unknown torque; it widens the guarantees.",
+    ),
     ("rotation.attitude_fix_gain_per_s", "Gain L_q of attitude fixes; 0 uses only the first one."),
     ("rotation.attitude_fix_hold_s", "How long an attitude fix keeps correcting."),
 ];

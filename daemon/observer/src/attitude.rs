@@ -1,7 +1,7 @@
 //! Attitude: a unit quaternion moved by the exponential map, and optional fixes.
 
+use crate::body::Kinematics;
 use crate::channel::Segment;
-use crate::timeline::Kinematics;
 use nalgebra::{UnitQuaternion, Vector3};
 
 /// q̂ (body to inertial) with `q̂_{j+1} = q̂_j ⊗ exp(½ h ω̄)`, ω̄ = (ω̂_j + ω̂_{j+1})/2: no gimbal lock.

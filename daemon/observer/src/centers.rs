@@ -3,10 +3,12 @@
 use crate::DesignError;
 use crate::Parameter;
 
-/// N distinct points of ℝ³, in the output's unit.
+/// N distinct points of ℝ^d, d the number of outputs, in the output's unit.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Centers {
-    points: Vec<[f64; 3]>,
+    dimension: usize,
+    /// Point after point, d numbers each.
+    coordinates: Vec<f64>,
 }
 
 impl Centers {
@@ -14,10 +16,27 @@ impl Centers {
     /// lies in its middle. The last axis runs fastest.
     ///
     /// # Errors
-    /// `Centers` where a number is not finite, an axis has no points, or an axis with several points has
-    /// no length.
-    pub fn lattice(lower: [f64; 3], upper: [f64; 3], per_axis: [usize; 3]) -> Result<Self, DesignError> {
-        for axis in 0..3 {
+    /// `Centers` where the three have not the same length, a number is not finite, an axis has no points, or
+    /// an axis with several points has no length.
+    pub fn lattice(
+        lower: impl AsRef<[f64]>,
+        upper: impl AsRef<[f64]>,
+        per_axis: impl AsRef<[usize]>,
+    ) -> Result<Self, DesignError> {
+        let (lower, upper, per_axis) = (lower.as_ref(), upper.as_ref(), per_axis.as_ref());
+        let dimension = per_axis.len();
+        if dimension == 0 || lower.len() != dimension || upper.len() != dimension {
+            return Err(DesignError::new(
+                Parameter::Centers,
+                format!(
+                    "corners of {} and {} numbers for {dimension} numbers of centers per axis",
+                    lower.len(),
+                    upper.len()
+                ),
+                "one number per output in each",
+            ));
+        }
+        for axis in 0..dimension {
             let (a, b, n) = (lower[axis], upper[axis], per_axis[axis]);
             if !a.is_finite() || !b.is_finite() || n == 0 || (n > 1 && b <= a) {
                 return Err(DesignError::new(
@@ -31,58 +50,80 @@ impl Centers {
             1 => 0.5 * (lower[axis] + upper[axis]),
             n => lower[axis] + (upper[axis] - lower[axis]) * i as f64 / (n - 1) as f64,
         };
-        let mut points = Vec::with_capacity(per_axis.iter().product());
-        for i in 0..per_axis[0] {
-            for j in 0..per_axis[1] {
-                points.extend((0..per_axis[2]).map(|k| [at(0, i), at(1, j), at(2, k)]));
+        let n_centers = per_axis.iter().product();
+        let mut coordinates = Vec::with_capacity(n_centers * dimension);
+        for index in 0..n_centers {
+            let mut below = n_centers;
+            let mut rest = index;
+            for (axis, n) in per_axis.iter().enumerate() {
+                below /= n;
+                coordinates.push(at(axis, rest / below));
+                rest %= below;
             }
         }
-        Ok(Self { points })
+        Ok(Self { dimension, coordinates })
     }
 
     /// The given points.
     ///
     /// # Errors
-    /// `Centers` where there is none, or one is not finite. Equal ones are found by the Gram matrix.
-    pub fn listed(points: Vec<[f64; 3]>) -> Result<Self, DesignError> {
-        let not_finite = points.iter().position(|point| point.iter().any(|c| !c.is_finite()));
-        match (points.is_empty(), not_finite) {
-            (true, _) => Err(DesignError::new(Parameter::Centers, "no centers".into(), "at least one")),
-            (_, Some(index)) => {
-                let found = format!("center {} is {:?}", index + 1, points[index]);
-                Err(DesignError::new(Parameter::Centers, found, "finite coordinates"))
+    /// `Centers` where there is none, two have not the same number of coordinates, or one is not finite. Equal
+    /// ones are found by the Gram matrix.
+    pub fn listed<Point: AsRef<[f64]>>(points: impl AsRef<[Point]>) -> Result<Self, DesignError> {
+        let points = points.as_ref();
+        let refuse = |found: String, needed: &str| Err(DesignError::new(Parameter::Centers, found, needed));
+        let Some(dimension) = points.first().map(|first| first.as_ref().len()).filter(|&d| d > 0) else {
+            return refuse("no centers".into(), "at least one");
+        };
+        for (index, point) in points.iter().enumerate() {
+            let point = point.as_ref();
+            if point.len() != dimension {
+                let found =
+                    format!("center {} has {} numbers, the first {dimension}", index + 1, point.len());
+                return refuse(found, "one number per output in each");
             }
-            _ => Ok(Self { points }),
+            if point.iter().any(|c| !c.is_finite()) {
+                return refuse(format!("center {} is {point:?}", index + 1), "finite coordinates");
+            }
         }
+        Ok(Self { dimension, coordinates: points.iter().flat_map(|p| p.as_ref()).copied().collect() })
     }
 
     /// The points, in the order of all vectors of length N.
-    pub fn points(&self) -> &[[f64; 3]] {
-        &self.points
+    pub fn points(&self) -> impl ExactSizeIterator<Item = &[f64]> + Clone {
+        self.coordinates.chunks_exact(self.dimension)
+    }
+
+    /// d.
+    pub fn dimension(&self) -> usize {
+        self.dimension
     }
 
     /// N.
     pub fn n_centers(&self) -> usize {
-        self.points.len()
+        self.coordinates.len() / self.dimension
     }
 
     /// The smallest box around the centers: its lower and its upper corner.
-    pub fn bounding_box(&self) -> ([f64; 3], [f64; 3]) {
+    pub fn bounding_box(&self) -> (Vec<f64>, Vec<f64>) {
         let fold = |pick: fn(f64, f64) -> f64, start: f64| {
-            std::array::from_fn(|axis| self.points.iter().fold(start, |best, point| pick(best, point[axis])))
+            (0..self.dimension)
+                .map(|axis| self.points().fold(start, |best, point| pick(best, point[axis])))
+                .collect()
         };
         (fold(f64::min, f64::INFINITY), fold(f64::max, f64::NEG_INFINITY))
     }
 
-    /// The two centers nearest to each other, counted from 1, and their distance; `None` for a single one.
+    /// The two centers nearest to each other, counted from 1, and their distance with each axis multiplied by
+    /// its entry of `weights`; `None` for a single center.
     ///
     /// # Cost
-    /// N²/2 distances: for messages, not for steps.
-    pub fn closest_pair(&self) -> Option<(usize, usize, f64)> {
+    /// N²/2 distances: for messages and reports, not for steps.
+    pub fn closest_pair(&self, weights: &[f64]) -> Option<(usize, usize, f64)> {
         let mut closest: Option<(usize, usize, f64)> = None;
-        for (j, b) in self.points.iter().enumerate() {
-            for (i, a) in self.points[..j].iter().enumerate() {
-                let distance = (0..3).map(|c| (a[c] - b[c]).powi(2)).sum::<f64>().sqrt();
+        for (j, b) in self.points().enumerate() {
+            for (i, a) in self.points().take(j).enumerate() {
+                let distance = weighted_distance(a, b, weights);
                 if closest.is_none_or(|(_, _, least)| distance < least) {
                     closest = Some((i + 1, j + 1, distance));
                 }
@@ -90,6 +131,12 @@ impl Centers {
         }
         closest
     }
+}
+
+/// `√Σ_i (w_i (a_i − b_i))²`.
+pub(crate) fn weighted_distance(a: &[f64], b: &[f64], weights: &[f64]) -> f64 {
+    let squares = a.iter().zip(b).zip(weights).map(|((a, b), w)| (w * (a - b)).powi(2));
+    squares.sum::<f64>().sqrt()
 }
 
 #[cfg(test)]
@@ -107,22 +154,24 @@ mod tests {
             [1.0, 0.0, 2.0],
             [1.0, 0.0, 4.0],
         ];
-        assert_eq!(centers.points(), expected);
-        assert_eq!(centers.bounding_box(), ([-1.0, 0.0, 2.0], [1.0, 0.0, 4.0]));
+        assert_eq!(centers.points().collect::<Vec<_>>(), expected);
+        assert_eq!(centers.bounding_box(), (vec![-1.0, 0.0, 2.0], vec![1.0, 0.0, 4.0]));
     }
 
     #[test]
     fn impossible_centers_are_refused() {
         assert!(Centers::lattice([0.0; 3], [1.0, 0.0, 1.0], [2, 2, 2]).is_err());
         assert!(Centers::lattice([0.0; 3], [1.0; 3], [2, 0, 2]).is_err());
-        assert!(Centers::listed(vec![]).is_err());
-        assert!(Centers::listed(vec![[0.0, f64::NAN, 0.0]]).is_err());
+        assert!(Centers::lattice([0.0; 2], [1.0; 3], [2, 2, 2]).is_err());
+        assert!(Centers::listed::<[f64; 3]>([]).is_err());
+        assert!(Centers::listed([[0.0, f64::NAN, 0.0]]).is_err());
+        assert!(Centers::listed([vec![0.0, 1.0], vec![0.0]]).is_err());
     }
 
     #[test]
     fn the_closest_pair_is_named() {
-        let centers =
-            Centers::listed(vec![[0.0; 3], [3.0, 0.0, 0.0], [3.0, 4.0, 0.0], [3.0, 0.5, 0.0]]).unwrap();
-        assert_eq!(centers.closest_pair(), Some((2, 4, 0.5)));
+        let centers = Centers::listed([[0.0; 3], [3.0, 0.0, 0.0], [3.0, 4.0, 0.0], [3.0, 0.5, 0.0]]).unwrap();
+        assert_eq!(centers.closest_pair(&[1.0; 3]), Some((2, 4, 0.5)));
+        assert_eq!(centers.closest_pair(&[1.0, 100.0, 1.0]), Some((1, 2, 3.0)));
     }
 }

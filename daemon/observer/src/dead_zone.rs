@@ -21,6 +21,9 @@ pub enum DeadZoneShape {
     Quadratic,
     /// `s² (3 − 2s)`, `s = (e − d)/ε` on [d, d+ε], then 1: the adaptation rate means the same at every error.
     Saturated,
+    /// 1 outside of the open ball of radius d, 0 in it; the buffer is not used. The μ_step of Theorem 1: not
+    /// continuous, so not admissible, and it may chatter.
+    Step,
 }
 
 impl DeadZone {
@@ -47,6 +50,16 @@ impl DeadZone {
         self.width
     }
 
+    /// What σ does outside of d.
+    pub fn shape(&self) -> DeadZoneShape {
+        self.shape
+    }
+
+    /// ε.
+    pub fn buffer(&self) -> f64 {
+        self.buffer
+    }
+
     /// σ(e) for e = ‖ỹ‖ ≥ 0.
     ///
     /// # Source
@@ -55,7 +68,9 @@ impl DeadZone {
         let (d, epsilon) = (self.width, self.buffer);
         let s = (e - d) / epsilon;
         match self.shape {
+            DeadZoneShape::Step if e >= d => 1.0,
             _ if e <= d => 0.0,
+            DeadZoneShape::Step => 0.0,
             DeadZoneShape::Quadratic if s <= 1.0 => (e - d) * s / 2.0,
             DeadZoneShape::Quadratic => e - d - epsilon / 2.0,
             DeadZoneShape::Saturated if s <= 1.0 => s * s * (3.0 - 2.0 * s),

@@ -17,15 +17,15 @@
 //!
 //! let translation = TranslationDesign {
 //!     channel: ChannelDesign {
-//!         kernel: Kernel::SobolevMatern { order: MaternOrder::Three },
-//!         length_scale: 2.0,
+//!         kernel: Kernel::SobolevMatern { dimension: 3, order: 3 },
+//!         length_scale: LengthScale::Isotropic(2.0),
 //!         centers: Centers::lattice([-1.0; 3], [1.0; 3], [3; 3])?,
 //!         nugget: 0.0,
 //!         inertia: Matrix3::identity() * 4.0,
 //!         gain_per_s: 10.0,
 //!         adaptation_rate: Matrix3::identity() * 100.0,
 //!         dead_zone: DeadZone::new(DeadZoneShape::Saturated, 1e-4, 1e-4)?,
-//!         noise_bound: 0.0,
+//!         bounds: DisturbanceBounds::default(),
 //!         hold_s: 0.01,
 //!         coast_step_s: 0.005,
 //!     },
@@ -53,29 +53,41 @@
 //! ```
 
 mod attitude;
+mod body;
+mod box_search;
 mod centers;
+mod certificate;
 mod channel;
 mod dead_zone;
 mod kernel;
+mod law;
+mod native_function;
 mod native_space;
 mod position;
 mod rigid_body;
 pub mod stability;
 mod timeline;
 
+pub use box_search::Supremum;
 pub use centers::Centers;
-pub use channel::{Channel, ChannelDesign, Learning, Segment};
+pub use certificate::Certificate;
+pub use channel::{Channel, ChannelDesign, DisturbanceBounds, Integrator, Segment};
 pub use dead_zone::{DeadZone, DeadZoneShape};
-pub use kernel::{Kernel, MaternOrder};
-pub use native_space::NativeSpace;
+pub use kernel::{Kernel, RadialFunction};
+pub use law::{Law, Learning};
+pub use native_function::NativeFunction;
+pub use native_space::{LengthScale, NativeSpace, ScaledKernel};
 pub use rigid_body::{
-    ChannelReport, GyroscopicTorque, InitialState, RigidBodyEstimate, RigidBodyObserver, RotationDesign,
-    Sample, TranslationDesign, Velocity,
+    GyroscopicTorque, InitialState, RigidBodyEstimate, RigidBodyObserver, RotationDesign, Sample,
+    TranslationDesign, Velocity,
 };
+pub use timeline::ChannelReport;
 
 /// The parameter of a design that cannot be used.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Parameter {
+    /// `kernel`.
+    Kernel,
     /// `length_scale`.
     LengthScale,
     /// `nugget`.
@@ -92,8 +104,12 @@ pub enum Parameter {
     DeadZoneWidth,
     /// The dead zone's buffer.
     DeadZoneBuffer,
-    /// `noise_bound`.
+    /// The bound on the measurement error.
     NoiseBound,
+    /// The bound on the unmatched disturbance.
+    UnmatchedBound,
+    /// The bound on the part of f that the centers cannot represent.
+    ResidualNorm,
     /// `hold_s`.
     Hold,
     /// `coast_step_s`.

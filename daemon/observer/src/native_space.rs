@@ -1,20 +1,94 @@
 //! The finite-dimensional native space H_N: centers, Gram matrix, and orthonormal (Newton) features.
 //!
-//! With K = R Rᵀ, the features φ(y) = R⁻¹ k(y) are an orthonormal basis of H_N: φᵀφ = kᵀK⁻¹k and
-//! f̂_N(y) = θᵀφ(y) has the norm ‖θ‖_F. The paper's coefficients are α̂ = R⁻ᵀθ, its nodal values β = Rθ.
+//! With K = R Rᵀ, the features φ(y) = R⁻¹ k(y) are an orthonormal basis of H_N. One function f̂_N of H_N has
+//! three coordinates, each N×m, that say the same:
+//!
+//! | symbol | name | f̂_N(y) | ‖f̂_N‖²_H |
+//! |---|---|---|---|
+//! | α̂ | `coefficients` | α̂ᵀ k(y) | tr α̂ᵀ K α̂ |
+//! | β = K α̂ | `nodal_values` | βᵀ K⁻¹ k(y) | tr βᵀ K⁻¹ β |
+//! | θ = Rᵀ α̂ | `weights` | θᵀ φ(y) | ‖θ‖²_F |
+//!
+//! α̂ is the paper's (§IV-B); a step of the law is cheapest in θ.
 
-use crate::{Centers, DesignError, Kernel, Parameter};
-use nalgebra::{DMatrix, Vector3};
+use crate::box_search::{Supremum, supremum_over_box};
+use crate::centers::weighted_distance;
+use crate::kernel::RadialFunction;
+use crate::{Centers, DesignError, Kernel, NativeFunction, Parameter};
+use nalgebra::DMatrix;
 
-/// A kernel of one length scale on N centers, factored once.
+/// ℓ: how far from a center its knowledge reaches, in the output's unit.
+#[derive(Debug, Clone, PartialEq)]
+pub enum LengthScale {
+    /// One for all axes.
+    Isotropic(f64),
+    /// One for each axis.
+    PerAxis(Vec<f64>),
+}
+
+impl LengthScale {
+    fn inverses(&self, dimension: usize) -> Result<Vec<f64>, DesignError> {
+        let scales = match self {
+            Self::Isotropic(scale) => vec![*scale; dimension],
+            Self::PerAxis(scales) => scales.clone(),
+        };
+        let positive = scales.iter().all(|scale| scale.is_finite() && *scale > 0.0);
+        if scales.len() != dimension || !positive {
+            let needed = format!("a finite number > 0, or one for each of the {dimension} axes");
+            return Err(DesignError::new(Parameter::LengthScale, format!("{scales:?}"), needed));
+        }
+        Ok(scales.iter().map(|scale| scale.recip()).collect())
+    }
+
+    /// The same shape, `factor` times as long.
+    pub fn scaled(&self, factor: f64) -> Self {
+        match self {
+            Self::Isotropic(scale) => Self::Isotropic(scale * factor),
+            Self::PerAxis(scales) => Self::PerAxis(scales.iter().map(|scale| scale * factor).collect()),
+        }
+    }
+}
+
+/// 𝔎: a radial kernel with its length scales, `𝔎(y, ξ) = κ(√Σ_i ((y_i − ξ_i)/ℓ_i)²)`.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ScaledKernel {
+    radial: RadialFunction,
+    inverse_length_scales: Vec<f64>,
+}
+
+impl ScaledKernel {
+    /// `kernel` on ℝ^`dimension` with these length scales.
+    ///
+    /// # Errors
+    /// `Kernel` where it is not positive definite there, `LengthScale` where one is not a finite number > 0 or
+    /// there is not one for each axis.
+    pub fn new(kernel: Kernel, length_scale: &LengthScale, dimension: usize) -> Result<Self, DesignError> {
+        Ok(Self {
+            radial: kernel.radial(dimension)?,
+            inverse_length_scales: length_scale.inverses(dimension)?,
+        })
+    }
+
+    /// 𝔎(a, b), dimensionless.
+    pub fn value(&self, a: &[f64], b: &[f64]) -> f64 {
+        self.radial.value(weighted_distance(a, b, &self.inverse_length_scales))
+    }
+
+    /// κ(0).
+    pub fn value_at_zero(&self) -> f64 {
+        self.radial.value_at_zero()
+    }
+}
+
+/// A kernel on N centers, factored once.
 #[derive(Debug, Clone)]
 pub struct NativeSpace {
-    kernel: Kernel,
-    inverse_length_scale: f64,
+    kernel: ScaledKernel,
+    value_at_zero: f64,
     centers: Centers,
-    bounding_box: ([f64; 3], [f64; 3]),
-    /// Coordinates of the centers, one run per axis, so that the kernel vector is plain loops.
-    coordinates: [Vec<f64>; 3],
+    bounding_box: (Vec<f64>, Vec<f64>),
+    /// Coordinates of the centers over their length scales, one run of N per axis: the kernel vector is plain loops.
+    scaled_coordinates: Vec<Vec<f64>>,
     /// R⁻¹, lower triangle, row after row: row i has i + 1 entries.
     inverse_factor: Vec<f64>,
     gram_condition: f64,
@@ -23,36 +97,31 @@ pub struct NativeSpace {
 impl NativeSpace {
     /// Builds K, factors it and inverts the factor.
     ///
-    /// `nugget` ≥ 0 is added to K's diagonal as a multiple of κ(0); 0 is the paper's law.
+    /// `nugget` ≥ 0 is added to K's diagonal as a multiple of κ(0); 0 is the paper's law. With a nugget, read
+    /// K + nugget κ(0) I for K in the coordinates above.
     ///
     /// # Errors
-    /// `LengthScale` or `Nugget` out of range; `Centers` where K is not numerically positive definite,
-    /// naming the closest pair of centers, the condition estimate and what to change.
+    /// `Kernel`, `LengthScale` or `Nugget` out of range; `Centers` where K is not numerically positive
+    /// definite, naming the closest pair of centers, the condition estimate and what to change.
     ///
     /// # Cost
     /// 2N³/3 multiply-adds, once; N(N+1)/2 numbers kept.
     pub fn new(
         kernel: Kernel,
-        length_scale: f64,
+        length_scale: &LengthScale,
         centers: Centers,
         nugget: f64,
     ) -> Result<Self, DesignError> {
-        if !(length_scale.is_finite() && length_scale > 0.0) {
-            return Err(DesignError::new(
-                Parameter::LengthScale,
-                length_scale.to_string(),
-                "a finite number > 0",
-            ));
-        }
+        let kernel = ScaledKernel::new(kernel, length_scale, centers.dimension())?;
         if !(nugget.is_finite() && nugget >= 0.0) {
             return Err(DesignError::new(Parameter::Nugget, nugget.to_string(), "a finite number ≥ 0"));
         }
         let n = centers.n_centers();
-        let coordinates = std::array::from_fn(|axis| centers.points().iter().map(|p| p[axis]).collect());
+        let axis_run = |(axis, scale): (usize, &f64)| centers.points().map(|p| p[axis] * scale).collect();
         let mut space = Self {
+            scaled_coordinates: kernel.inverse_length_scales.iter().enumerate().map(axis_run).collect(),
+            value_at_zero: kernel.value_at_zero(),
             kernel,
-            inverse_length_scale: length_scale.recip(),
-            coordinates,
             bounding_box: centers.bounding_box(),
             inverse_factor: Vec::new(),
             gram_condition: f64::INFINITY,
@@ -60,10 +129,10 @@ impl NativeSpace {
         };
         let mut gram = space.gram();
         for i in 0..n {
-            gram[(i, i)] += nugget * kernel.value_at_zero();
+            gram[(i, i)] += nugget * space.value_at_zero;
         }
         // A pivot of the size of the rounding errors of the ones before it carries no information.
-        let smallest_pivot = (n as f64 * f64::EPSILON * kernel.value_at_zero()).sqrt();
+        let smallest_pivot = (n as f64 * f64::EPSILON * space.value_at_zero).sqrt();
         let factor = gram.clone().cholesky().map(|cholesky| cholesky.unpack());
         let Some(factor) = factor.filter(|r| r.diagonal().iter().all(|&pivot| pivot > smallest_pivot)) else {
             return Err(space.not_positive_definite(&gram));
@@ -79,12 +148,11 @@ impl NativeSpace {
 
     fn not_positive_definite(&self, gram: &DMatrix<f64>) -> DesignError {
         let largest = largest_eigenvalue(gram.nrows(), |x| gram * x);
-        let condition = largest / (f64::EPSILON * self.kernel.value_at_zero());
-        let pair = match self.centers.closest_pair() {
-            Some((a, b, distance)) => format!(
-                "the closest pair, centers {a} and {b}, is {distance:.3e} apart ({:.3e} length scales)",
-                distance * self.inverse_length_scale
-            ),
+        let condition = largest / (f64::EPSILON * self.value_at_zero);
+        let pair = match self.centers.closest_pair(&self.kernel.inverse_length_scales) {
+            Some((a, b, distance)) => {
+                format!("the closest pair, centers {a} and {b}, is {distance:.3e} length scales apart")
+            }
             None => "there is a single center".into(),
         };
         DesignError::new(
@@ -96,13 +164,11 @@ impl NativeSpace {
         )
     }
 
-    /// K: `K_ij = 𝔎(ξ_i, ξ_j)`, N×N, without nugget. The Gram matrix of the vector-valued kernel is K ⊗ I₃.
+    /// K: `K_ij = 𝔎(ξ_i, ξ_j)`, N×N, without nugget. The paper's Gram matrix 𝕂 of the vector-valued kernel is
+    /// K ⊗ I_m.
     pub fn gram(&self) -> DMatrix<f64> {
-        let points = self.centers.points();
-        DMatrix::from_fn(points.len(), points.len(), |i, j| {
-            let squared: f64 = (0..3).map(|axis| (points[i][axis] - points[j][axis]).powi(2)).sum();
-            self.kernel.value(squared.sqrt() * self.inverse_length_scale)
-        })
+        let points: Vec<_> = self.centers.points().collect();
+        DMatrix::from_fn(points.len(), points.len(), |i, j| self.kernel.value(points[i], points[j]))
     }
 
     /// N.
@@ -116,13 +182,18 @@ impl NativeSpace {
     }
 
     /// The smallest box around the centers: its lower and its upper corner.
-    pub fn bounding_box(&self) -> ([f64; 3], [f64; 3]) {
-        self.bounding_box
+    pub fn bounding_box(&self) -> (&[f64], &[f64]) {
+        (&self.bounding_box.0, &self.bounding_box.1)
     }
 
-    /// The kernel κ.
-    pub fn kernel(&self) -> Kernel {
-        self.kernel
+    /// 𝔎.
+    pub fn kernel(&self) -> &ScaledKernel {
+        &self.kernel
+    }
+
+    /// κ(0).
+    pub fn value_at_zero(&self) -> f64 {
+        self.value_at_zero
     }
 
     /// The spectral condition number of K, estimated by power iteration (relative error about 1e-6).
@@ -130,41 +201,105 @@ impl NativeSpace {
         self.gram_condition
     }
 
-    /// k(y): `k_j = κ(‖ξ_j − y‖/ℓ)`, N values. No allocation.
-    pub fn kernel_vector(&self, y: &Vector3<f64>, kernel_vector: &mut [f64]) {
-        let n = kernel_vector.len();
-        let [xs, ys, zs] = &self.coordinates;
-        let (xs, ys, zs) = (&xs[..n], &ys[..n], &zs[..n]);
-        for j in 0..n {
-            let (dx, dy, dz) = (xs[j] - y.x, ys[j] - y.y, zs[j] - y.z);
-            let r = (dx * dx + dy * dy + dz * dz).sqrt() * self.inverse_length_scale;
-            kernel_vector[j] = self.kernel.value(r);
+    /// k(y): `k_j = 𝔎(ξ_j, y)`, N values for the d numbers of `y`. No allocation.
+    pub fn kernel_vector(&self, y: &[f64], kernel_vector: &mut [f64]) {
+        kernel_vector.fill(0.0);
+        for ((coordinates, scale), y) in
+            self.scaled_coordinates.iter().zip(&self.kernel.inverse_length_scales).zip(y)
+        {
+            let y = y * scale;
+            for (square, x) in kernel_vector.iter_mut().zip(coordinates) {
+                *square += (x - y) * (x - y);
+            }
         }
+        self.kernel.radial.apply_to_squares(kernel_vector);
     }
 
     /// φ(y) = R⁻¹ k(y), N values; `kernel_vector` is left holding k(y). No allocation.
     ///
     /// # Cost
     /// N(N+1)/2 multiply-adds and N kernel values.
-    pub fn features(&self, y: &Vector3<f64>, kernel_vector: &mut [f64], features: &mut [f64]) {
+    pub fn features(&self, y: &[f64], kernel_vector: &mut [f64], features: &mut [f64]) {
         self.kernel_vector(y, kernel_vector);
+        self.multiply_inverse_factor(kernel_vector, features);
+    }
+
+    /// R⁻¹ x.
+    fn multiply_inverse_factor(&self, x: &[f64], product: &mut [f64]) {
         let mut rest = &self.inverse_factor[..];
-        for (i, feature) in features.iter_mut().enumerate() {
+        for (i, entry) in product.iter_mut().enumerate() {
             let (row, below) = rest.split_at(i + 1);
-            *feature = dot(row, &kernel_vector[..=i]);
+            *entry = dot(row, &x[..=i]);
             rest = below;
         }
     }
 
-    /// P_N(y) = √(κ(0) − φᵀφ): how badly the centers cover y; √κ(0) where they cover nothing.
+    /// P_N(y) = √(κ(0) − φᵀφ), from φᵀφ: how badly the centers cover y; √κ(0) where they cover nothing.
+    ///
+    /// # Source
+    /// Niu et al., eq. (power function): with 𝒦 = 𝔎 I_m all m entries of its maximum are the same.
     pub fn power_function(&self, squared_features: f64) -> f64 {
-        (self.kernel.value_at_zero() - squared_features).max(0.0).sqrt()
+        (self.value_at_zero - squared_features).max(0.0).sqrt()
     }
 
-    /// α̂ = R⁻ᵀ θ, N×3: the paper's coefficients of the function with these weights.
-    pub fn coefficients(&self, weights: &[Vec<f64>; 3]) -> DMatrix<f64> {
+    /// P_N(y).
+    pub fn power_function_at(&self, y: &[f64]) -> f64 {
+        let (mut k, mut phi) = (vec![0.0; self.n_centers()], vec![0.0; self.n_centers()]);
+        self.features(y, &mut k, &mut phi);
+        self.power_function(dot(&phi, &phi))
+    }
+
+    /// sup P_N over the box of the centers.
+    ///
+    /// The value found by a search, and a bound that no point exceeds: P_N(y) is the distance of 𝔎(y,·) from
+    /// H_N, hence `|P_N(y) − P_N(z)| ≤ ‖𝔎(y,·) − 𝔎(z,·)‖ = √(2κ(0) − 2𝔎(y, z))`. Over all of ℝ^d, as the paper
+    /// prints it, the supremum is always √κ(0): no finite set of centers covers an unbounded space.
+    ///
+    /// # Cost
+    /// Some hundred to some ten thousand evaluations of the features: for reports.
+    pub fn sup_power_function(&self) -> Supremum {
         let n = self.n_centers();
-        let mut coefficients = DMatrix::zeros(n, 3);
+        let (mut k, mut phi) = (vec![0.0; n], vec![0.0; n]);
+        self.search(
+            |rho| (2.0 * (self.value_at_zero - self.kernel.radial.value(rho))).max(0.0).sqrt(),
+            n * n,
+            |y| {
+                self.features(y, &mut k, &mut phi);
+                self.power_function(dot(&phi, &phi))
+            },
+        )
+    }
+
+    /// The fill distance `h = sup_y min_j |y − ξ_j|` over the box of the centers, in length scales.
+    pub fn fill_distance(&self) -> Supremum {
+        let scales = &self.kernel.inverse_length_scales;
+        let nearest = |y: &[f64]| {
+            self.centers.points().map(|xi| weighted_distance(y, xi, scales)).fold(f64::INFINITY, f64::min)
+        };
+        self.search(|rho| rho, self.n_centers(), nearest)
+    }
+
+    /// The separation distance `q = ½ min_{i≠j} |ξ_i − ξ_j|`, in length scales; `None` for a single center.
+    pub fn separation(&self) -> Option<f64> {
+        self.centers.closest_pair(&self.kernel.inverse_length_scales).map(|(_, _, distance)| 0.5 * distance)
+    }
+
+    fn search(&self, modulus: impl Fn(f64) -> f64, cost: usize, f: impl FnMut(&[f64]) -> f64) -> Supremum {
+        // Half a second or so on a slow core, whatever N is.
+        let most_evaluations = (400_000_000 / cost.max(1)).clamp(1000, 100_000);
+        supremum_over_box(
+            self.bounding_box(),
+            &self.kernel.inverse_length_scales,
+            modulus,
+            most_evaluations,
+            f,
+        )
+    }
+
+    /// α̂ = R⁻ᵀ θ, N×m, of the function with these weights (m runs of N).
+    pub fn coefficients(&self, weights: &[Vec<f64>]) -> DMatrix<f64> {
+        let n = self.n_centers();
+        let mut coefficients = DMatrix::zeros(n, weights.len());
         for (column, theta) in weights.iter().enumerate() {
             let mut rest = &self.inverse_factor[..];
             for (i, &weight) in theta.iter().enumerate() {
@@ -178,9 +313,57 @@ impl NativeSpace {
         coefficients
     }
 
+    /// β = R θ, N×m, of the function with these weights: the values of f̂_N at the centers.
+    pub fn nodal_values(&self, weights: &[Vec<f64>]) -> DMatrix<f64> {
+        let n = self.n_centers();
+        let mut values = DMatrix::zeros(n, weights.len());
+        for (column, theta) in weights.iter().enumerate() {
+            // R⁻¹ β = θ, forward.
+            let mut rest = &self.inverse_factor[..];
+            let mut beta = vec![0.0; n];
+            for i in 0..n {
+                let (row, below) = rest.split_at(i + 1);
+                beta[i] = (theta[i] - dot(&row[..i], &beta[..i])) / row[i];
+                rest = below;
+            }
+            values.column_mut(column).copy_from_slice(&beta);
+        }
+        values
+    }
+
+    /// θ = R⁻¹ β, m runs of N, of the function of H_N with these values at the centers (N×m): the projection
+    /// Π_N f of every f of H with these values.
+    ///
+    /// # Source
+    /// Niu et al., §II: ⟨f − Π_N f, 𝒦(ξ_j,·) a⟩ = 0 for all j says that both agree at the centers.
+    pub fn weights_of_nodal_values(&self, values: &DMatrix<f64>) -> Vec<Vec<f64>> {
+        let mut weights = vec![vec![0.0; self.n_centers()]; values.ncols()];
+        for (theta, beta) in weights.iter_mut().zip(values.column_iter()) {
+            self.multiply_inverse_factor(beta.as_slice(), theta);
+        }
+        weights
+    }
+
+    /// Π_N f, as weights.
+    pub fn projection(&self, f: &NativeFunction) -> Vec<Vec<f64>> {
+        let values: Vec<_> = self.centers.points().map(|xi| f.value(xi)).collect();
+        let columns = values.first().map_or(0, |value| value.len());
+        self.weights_of_nodal_values(&DMatrix::from_fn(values.len(), columns, |i, j| values[i][j]))
+    }
+
+    /// The function with these weights, as an element of H.
+    pub fn function(&self, weights: &[Vec<f64>]) -> NativeFunction {
+        let coefficients = self.coefficients(weights);
+        let mut function = NativeFunction::zero(self.kernel.clone(), weights.len());
+        for (xi, row) in self.centers.points().zip(coefficients.row_iter()) {
+            function.add(xi, &row.transpose().as_slice().to_vec());
+        }
+        function
+    }
+
     /// Bytes that every step reads: the packed factor and the centers.
     pub fn bytes(&self) -> usize {
-        8 * (self.inverse_factor.len() + 3 * self.n_centers())
+        8 * (self.inverse_factor.len() + self.scaled_coordinates.len() * self.n_centers())
     }
 }
 
@@ -219,19 +402,18 @@ fn largest_eigenvalue(n: usize, multiply: impl Fn(&DMatrix<f64>) -> DMatrix<f64>
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::MaternOrder;
 
-    const KERNEL: Kernel = Kernel::SobolevMatern { order: MaternOrder::Three };
+    const KERNEL: Kernel = Kernel::SobolevMatern { dimension: 3, order: 3 };
 
     fn paper() -> NativeSpace {
         let centers = Centers::lattice([-1.0; 3], [1.0; 3], [3; 3]).unwrap();
-        NativeSpace::new(KERNEL, 1.0, centers, 0.0).unwrap()
+        NativeSpace::new(KERNEL, &LengthScale::Isotropic(1.0), centers, 0.0).unwrap()
     }
 
     fn features(space: &NativeSpace, y: [f64; 3]) -> (Vec<f64>, Vec<f64>) {
         let n = space.n_centers();
         let (mut k, mut phi) = (vec![0.0; n], vec![0.0; n]);
-        space.features(&y.into(), &mut k, &mut phi);
+        space.features(&y, &mut k, &mut phi);
         (k, phi)
     }
 
@@ -266,7 +448,7 @@ mod tests {
             space.power_function(dot(&phi, &phi))
         };
         assert!(power([1.0, 0.0, -1.0]) < 1e-6);
-        assert!((power([60.0, 0.0, 0.0]) - KERNEL.value_at_zero().sqrt()).abs() < 1e-12);
+        assert!((power([60.0, 0.0, 0.0]) - space.value_at_zero().sqrt()).abs() < 1e-12);
         // Its supremum over the lattice's box, at the middle of a cell: 0.443.
         assert!((power([0.5, 0.5, 0.5]) - 0.443).abs() < 5e-4, "{}", power([0.5; 3]));
     }
@@ -274,11 +456,15 @@ mod tests {
     #[test]
     fn equal_or_nearly_equal_centers_are_refused_by_name() {
         for gap in [0.0, 1e-12] {
-            let centers = Centers::listed(vec![[0.0; 3], [1.0, 0.0, 0.0], [1.0, gap, 0.0]]).unwrap();
-            let error = NativeSpace::new(KERNEL, 1.0, centers, 0.0).unwrap_err().to_string();
+            let centers = Centers::listed([[0.0; 3], [1.0, 0.0, 0.0], [1.0, gap, 0.0]]).unwrap();
+            let error =
+                NativeSpace::new(KERNEL, &LengthScale::Isotropic(1.0), centers, 0.0).unwrap_err().to_string();
             assert!(error.contains("centers 2 and 3"), "{error}");
         }
-        let centers = Centers::listed(vec![[0.0; 3], [1.0, 0.0, 0.0], [1.0, 0.0, 0.0]]).unwrap();
-        assert!(NativeSpace::new(KERNEL, 1.0, centers, 1e-8).is_ok(), "a nugget helps");
+        let centers = Centers::listed([[0.0; 3], [1.0, 0.0, 0.0], [1.0, 0.0, 0.0]]).unwrap();
+        assert!(
+            NativeSpace::new(KERNEL, &LengthScale::Isotropic(1.0), centers, 1e-8).is_ok(),
+            "a nugget helps"
+        );
     }
 }

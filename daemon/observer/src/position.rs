@@ -1,7 +1,7 @@
 //! Position: the integral of the velocity estimate, and optional fixes.
 
+use crate::body::Kinematics;
 use crate::channel::Segment;
-use crate::timeline::Kinematics;
 use nalgebra::Vector3;
 
 /// r̂ with the law `r̂' = v̂ + L_r ỹ + L_p (r_meas − r̂)`.

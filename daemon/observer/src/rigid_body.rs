@@ -1,8 +1,11 @@
 //! The rigid body: a translation channel and a rotation channel, with position and attitude.
 
 use crate::attitude::Attitude;
+use crate::body::{Body, BodyState, KnownForce};
+use crate::certificate::Certificate;
+use crate::law::Law;
 use crate::position::Position;
-use crate::timeline::{Kinematics, KnownForce, Moment, Prediction, Timeline, seconds};
+use crate::timeline::{ChannelReport, Timeline};
 use crate::{Channel, ChannelDesign, DesignError, Parameter};
 use nalgebra::{UnitQuaternion, Vector3};
 
@@ -84,29 +87,6 @@ pub struct Sample {
     pub torque_n_m: Option<Vector3<f64>>,
 }
 
-/// How far one channel can be trusted at an instant.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct ChannelReport {
-    /// ‖ỹ‖ at the held sample; 0 while coasting.
-    pub output_error: f64,
-    /// σ as used; 0 while coasting.
-    pub activation: f64,
-    /// P_N / √κ(0) at the held or predicted output, 0 … 1.
-    pub power_function: f64,
-    /// ‖f̂_N‖ of the committed weights.
-    pub native_norm: f64,
-    /// max(d, E₀), a bound and not a covariance; +∞ while coasting.
-    pub error_bound: f64,
-    /// Time since the newest output's stamp (s); +∞ before the first.
-    pub output_age_s: f64,
-    /// No output is held: prediction only.
-    pub coasting: bool,
-    /// σ was held down to keep the sampled law stable.
-    pub clamped: bool,
-    /// The held or predicted output lies outside of the box of the centers.
-    pub outside_centers: bool,
-}
-
 /// State, learned force and trust at one instant.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct RigidBodyEstimate {
@@ -144,40 +124,13 @@ impl RigidBodyEstimate {
 /// The same samples give the same estimates to the bit, whenever and however often estimates are asked for.
 #[derive(Debug, Clone)]
 pub struct RigidBodyObserver {
-    translation: Option<Timeline<Position>>,
-    rotation: Option<Timeline<Attitude>>,
+    translation: Option<Timeline<Body<Position>, 3>>,
+    rotation: Option<Timeline<Body<Attitude>, 3>>,
     initial_attitude: Option<UnitQuaternion<f64>>,
     position_fix_hold_ns: u64,
     attitude_fix_hold_ns: u64,
     /// Attitude of a body without a rotation channel: the newest fix.
     fixed_attitude: Option<UnitQuaternion<f64>>,
-    good_translation: Option<GoodCopy<Position>>,
-    good_rotation: Option<GoodCopy<Attitude>>,
-}
-
-/// The last state and weights of a channel that were known to be good.
-#[derive(Debug, Clone)]
-struct GoodCopy<K> {
-    moment: Option<Moment<K>>,
-    weights: [Vec<f64>; 3],
-}
-
-impl<K: Kinematics> GoodCopy<K> {
-    fn of(timeline: &Timeline<K>) -> Self {
-        Self { moment: timeline.committed(), weights: timeline.channel.weights().clone() }
-    }
-
-    fn keep(&mut self, timeline: &Timeline<K>) {
-        self.moment = timeline.committed();
-        for (kept, theta) in self.weights.iter_mut().zip(timeline.channel.weights()) {
-            kept.copy_from_slice(theta);
-        }
-    }
-
-    fn restore(&self, timeline: &mut Timeline<K>) {
-        timeline.put_back(self.moment);
-        timeline.channel.set_weights(&self.weights);
-    }
 }
 
 impl RigidBodyObserver {
@@ -204,7 +157,7 @@ impl RigidBodyObserver {
             }
             let position = Position::new(initial.position_m, l_r, design.position_fix_gain_per_s);
             let known_force = KnownForce::Constant(design.known_force_n);
-            Timeline::new(design.channel, known_force, initial.velocity_m_s, position)
+            timeline(&design.channel, known_force, initial.velocity_m_s, position)
         });
         let mut attitude_fix_hold_ns = 0;
         let rotation = rotation.map(|design| {
@@ -214,12 +167,10 @@ impl RigidBodyObserver {
                 GyroscopicTorque::Learned => KnownForce::Constant(Vector3::zeros()),
                 GyroscopicTorque::Feedforward => KnownForce::Gyroscopic(design.channel.inertia),
             };
-            Timeline::new(design.channel, known_force, initial.angular_velocity_rad_s, attitude)
+            timeline(&design.channel, known_force, initial.angular_velocity_rad_s, attitude)
         });
         let (translation, rotation) = (translation.transpose()?, rotation.transpose()?);
         Ok(Self {
-            good_translation: translation.as_ref().map(GoodCopy::of),
-            good_rotation: rotation.as_ref().map(GoodCopy::of),
             translation,
             rotation,
             fixed_attitude: initial.attitude,
@@ -237,9 +188,9 @@ impl RigidBodyObserver {
         let stamp_ns = sample.stamp_ns;
         let attitude_until_ns = stamp_ns.saturating_add(self.attitude_fix_hold_ns);
         if let Some(rotation) = &mut self.rotation {
-            rotation.accept(stamp_ns, sample.angular_velocity_rad_s, sample.torque_n_m, |pose| {
+            rotation.accept(stamp_ns, sample.angular_velocity_rad_s, sample.torque_n_m, |state| {
                 if let Some(fix) = &sample.attitude {
-                    pose.take_fix(fix, attitude_until_ns);
+                    state.pose.take_fix(fix, attitude_until_ns);
                 }
             });
         }
@@ -253,9 +204,9 @@ impl RigidBodyObserver {
                 Some(Velocity::Body(velocity)) => attitude.map(|attitude| attitude * velocity),
                 None => None,
             };
-            translation.accept(stamp_ns, velocity, sample.force_n, |pose| {
+            translation.accept(stamp_ns, velocity, sample.force_n, |state| {
                 if let Some(fix) = &sample.position_m {
-                    pose.take_fix(fix, position_until_ns);
+                    state.pose.take_fix(fix, position_until_ns);
                 }
             });
         }
@@ -270,16 +221,16 @@ impl RigidBodyObserver {
         let translation = self.translation.as_mut().map(|t| (t.predict(stamp_ns), t));
         let (position_m, velocity_m_s, matched_force_n, translation) = match translation {
             Some((at, timeline)) => {
-                let report = report(timeline, &at, stamp_ns);
-                (at.moment.pose.position, at.moment.rate, at.matched_force, Some(report))
+                let report = timeline.report(&at, stamp_ns);
+                (at.moment.state.pose.position, at.moment.state.rate, at.matched_force, Some(report))
             }
             None => Default::default(),
         };
         let rotation = self.rotation.as_mut().map(|r| (r.predict(stamp_ns), r));
         let (attitude, angular_velocity_rad_s, matched_torque_n_m, rotation) = match rotation {
             Some((at, timeline)) => {
-                let report = report(timeline, &at, stamp_ns);
-                (at.moment.pose.attitude, at.moment.rate, at.matched_force, Some(report))
+                let report = timeline.report(&at, stamp_ns);
+                (at.moment.state.pose.attitude, at.moment.state.rate, at.matched_force, Some(report))
             }
             None => (self.fixed_attitude.unwrap_or_default(), Vector3::zeros(), Vector3::zeros(), None),
         };
@@ -299,7 +250,7 @@ impl RigidBodyObserver {
     fn known_attitude_at(&mut self, stamp_ns: u64) -> Option<UnitQuaternion<f64>> {
         match &mut self.rotation {
             Some(rotation) => {
-                let pose = rotation.predict(stamp_ns).moment.pose;
+                let pose = rotation.predict(stamp_ns).moment.state.pose;
                 pose.is_known().then_some(pose.attitude)
             }
             None => self.fixed_attitude,
@@ -309,10 +260,10 @@ impl RigidBodyObserver {
     /// Stops or resumes learning from the next outputs on; what was learned stays in use.
     pub fn set_frozen(&mut self, frozen: bool) {
         if let Some(translation) = &mut self.translation {
-            translation.channel.set_frozen(frozen);
+            translation.law.set_frozen(frozen);
         }
         if let Some(rotation) = &mut self.rotation {
-            rotation.channel.set_frozen(frozen);
+            rotation.law.set_frozen(frozen);
         }
     }
 
@@ -320,10 +271,10 @@ impl RigidBodyObserver {
     pub fn reset(&mut self) {
         self.restart();
         if let Some(translation) = &mut self.translation {
-            translation.channel.forget();
+            translation.law.forget();
         }
         if let Some(rotation) = &mut self.rotation {
-            rotation.channel.forget();
+            rotation.law.forget();
         }
     }
 
@@ -343,37 +294,53 @@ impl RigidBodyObserver {
     /// # Cost
     /// 6N numbers copied; no allocation.
     pub fn keep_good_copy(&mut self) {
-        if let (Some(timeline), Some(good)) = (&self.translation, &mut self.good_translation) {
-            good.keep(timeline);
+        if let Some(translation) = &mut self.translation {
+            translation.keep_good_copy();
         }
-        if let (Some(timeline), Some(good)) = (&self.rotation, &mut self.good_rotation) {
-            good.keep(timeline);
+        if let Some(rotation) = &mut self.rotation {
+            rotation.keep_good_copy();
         }
     }
 
     /// Puts state and weights of the translation back to the last good copy, from which it coasts to now.
     pub fn restore_translation(&mut self) {
-        if let (Some(timeline), Some(good)) = (&mut self.translation, &self.good_translation) {
-            good.restore(timeline);
+        if let Some(translation) = &mut self.translation {
+            translation.restore_good_copy();
         }
     }
 
     /// Puts state and weights of the rotation back to the last good copy, from which it coasts to now.
     pub fn restore_rotation(&mut self) {
-        if let (Some(timeline), Some(good)) = (&mut self.rotation, &self.good_rotation) {
-            good.restore(timeline);
+        if let Some(rotation) = &mut self.rotation {
+            rotation.restore_good_copy();
         }
     }
 
     /// The translation's law, its space and weights.
-    pub fn translation(&self) -> Option<&Channel> {
-        self.translation.as_ref().map(|timeline| &timeline.channel)
+    pub fn translation(&self) -> Option<&Law<3>> {
+        self.translation.as_ref().map(|timeline| &timeline.law)
     }
 
     /// The rotation's law, its space and weights.
-    pub fn rotation(&self) -> Option<&Channel> {
-        self.rotation.as_ref().map(|timeline| &timeline.channel)
+    pub fn rotation(&self) -> Option<&Law<3>> {
+        self.rotation.as_ref().map(|timeline| &timeline.law)
     }
+}
+
+fn timeline<K: Copy>(
+    design: &ChannelDesign,
+    known_force: KnownForce,
+    initial_rate: Option<Vector3<f64>>,
+    initial_pose: K,
+) -> Result<Timeline<Body<K>, 3>, DesignError>
+where
+    Body<K>: crate::timeline::Plant<3, State = BodyState<K>>,
+{
+    let Channel { law, integrator } = Channel::new(design)?;
+    let certificate = Certificate::of_channel(design, law.space());
+    let initial = BodyState { rate: initial_rate.unwrap_or_default(), pose: initial_pose };
+    let body = Body::new(integrator, known_force, initial_rate);
+    Ok(Timeline::new(law, body, certificate, (design.hold_s, design.coast_step_s), initial))
 }
 
 fn fix_hold_ns(gain_per_s: f64, hold_s: f64) -> Result<u64, DesignError> {
@@ -385,31 +352,10 @@ fn fix_hold_ns(gain_per_s: f64, hold_s: f64) -> Result<u64, DesignError> {
     Ok((hold_s * 1e9).round() as u64)
 }
 
-fn report<K: Kinematics>(timeline: &Timeline<K>, at: &Prediction<K>, stamp_ns: u64) -> ChannelReport {
-    let channel = &timeline.channel;
-    let space = channel.space();
-    let (lower, upper) = space.bounding_box();
-    let output = if at.coasting { &at.moment.rate } else { channel.held_output() };
-    ChannelReport {
-        output_error: if at.coasting { 0.0 } else { channel.output_error_norm() },
-        activation: at.learning.activation,
-        power_function: space.power_function(at.squared_features) / space.kernel().value_at_zero().sqrt(),
-        native_norm: channel.native_norm(),
-        error_bound: if at.coasting { f64::INFINITY } else { channel.error_bound() },
-        output_age_s: match timeline.output_stamp_ns() {
-            Some(output_stamp_ns) => seconds(stamp_ns.saturating_sub(output_stamp_ns)),
-            None => f64::INFINITY,
-        },
-        coasting: at.coasting,
-        clamped: at.learning.clamped,
-        outside_centers: (0..3).any(|axis| !(lower[axis]..=upper[axis]).contains(&output[axis])),
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{Centers, DeadZone, DeadZoneShape, Kernel, MaternOrder};
+    use crate::{Centers, DeadZone, DeadZoneShape, DisturbanceBounds, Kernel, LengthScale};
     use nalgebra::Matrix3;
 
     const PERIOD_NS: u64 = 5_000_000;
@@ -418,15 +364,15 @@ mod tests {
 
     fn channel(inertia: Matrix3<f64>, adaptation_rate: f64) -> ChannelDesign {
         ChannelDesign {
-            kernel: Kernel::SobolevMatern { order: MaternOrder::Three },
-            length_scale: 2.0,
+            kernel: Kernel::SobolevMatern { dimension: 3, order: 3 },
+            length_scale: LengthScale::Isotropic(2.0),
             centers: Centers::lattice([-2.0; 3], [2.0; 3], [3; 3]).unwrap(),
             nugget: 0.0,
             inertia,
             gain_per_s: 10.0,
             adaptation_rate: Matrix3::identity() * adaptation_rate,
             dead_zone: DeadZone::new(DeadZoneShape::Saturated, 1e-3, 1e-3).unwrap(),
-            noise_bound: 0.0,
+            bounds: DisturbanceBounds::default(),
             hold_s: 1.5 * PERIOD_S,
             coast_step_s: PERIOD_S,
         }
@@ -508,7 +454,7 @@ mod tests {
     #[test]
     fn the_time_line_steps_the_law_over_the_true_time() {
         let design = translation([0.0; 3]);
-        let mut law = Channel::new(design.channel.clone()).unwrap();
+        let mut law = Channel::new(&design.channel).unwrap();
         let initial = InitialState { velocity_m_s: Some(Vector3::zeros()), ..InitialState::default() };
         let mut observer = RigidBodyObserver::new(Some(design), None, initial).unwrap();
         let (mut stamp_ns, mut v) = (START_NS, Vector3::zeros());
@@ -629,7 +575,7 @@ mod tests {
     #[test]
     fn the_time_line_coasts_on_what_the_last_output_taught() {
         let design = translation([0.0; 3]);
-        let mut law = Channel::new(design.channel.clone()).unwrap();
+        let mut law = Channel::new(&design.channel).unwrap();
         let initial = InitialState { velocity_m_s: Some(Vector3::zeros()), ..InitialState::default() };
         let mut observer = RigidBodyObserver::new(Some(design), None, initial).unwrap();
         let (y, u) = (Vector3::new(0.5, -0.4, 0.3), Vector3::new(0.1, 0.2, 0.3));
@@ -643,15 +589,15 @@ mod tests {
 
         let mut v = law.step(&Vector3::zeros(), &y, &u, 1.5 * PERIOD_S);
         for _ in 0..20 {
-            let (force, _) = law.matched_force_at(&v, &crate::Learning::default());
-            v = law.coast(&v, &(u + force), PERIOD_S).end;
+            let (force, _) = law.law.matched_force_at(&v, &crate::Learning::none());
+            v = law.integrator.coast(&v, &(u + force), PERIOD_S).end;
         }
         let end_ns = START_NS + PERIOD_NS * 3 / 2 + 20 * PERIOD_NS;
         assert!((observer.estimate(end_ns).velocity_m_s - v).norm() < 1e-12);
-        assert!(law.native_norm() > 0.1);
+        assert!(law.law.native_norm() > 0.1);
         // The next sample commits just what was learned while the output was held.
         observer.accept(&Sample { stamp_ns: end_ns, ..sample });
-        for (ours, theirs) in observer.translation().unwrap().weights().iter().zip(law.weights()) {
+        for (ours, theirs) in observer.translation().unwrap().weights().iter().zip(law.law.weights()) {
             assert!(ours.iter().zip(theirs).all(|(a, b)| (a - b).abs() < 1e-12));
         }
     }
@@ -743,10 +689,10 @@ mod tests {
         let samples = varied_samples();
         let mut observer = both();
         samples.iter().for_each(|sample| observer.accept(sample));
-        let learned = observer.translation().unwrap().weights().clone();
+        let learned = observer.translation().unwrap().weights().to_vec();
         observer.restart();
         observer.accept(&samples[0]);
-        assert_eq!(observer.translation().unwrap().weights(), &learned);
+        assert_eq!(observer.translation().unwrap().weights(), learned);
         let estimate = observer.estimate(samples[0].stamp_ns);
         assert_eq!(Some(Velocity::Inertial(estimate.velocity_m_s)), samples[0].velocity);
     }

@@ -23,6 +23,35 @@ pub fn largest_learning_rate(gain_per_s: f64, h_s: f64) -> f64 {
     2.0 * (1.0 + decay) / (h_s * b)
 }
 
+/// What h σ φᵀφ may be at most, so that the sampled law stays stable with its plant.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) enum StepLimit {
+    /// [`largest_learning_rate`] of `M v' = u + f(v)`.
+    Integrator {
+        /// λ (1/s).
+        gain_per_s: f64,
+        /// λ_max(M⁻¹ Γ_f) (1/s²).
+        fastest_learning: f64,
+    },
+    /// The least bound over all steps up to the longest hold.
+    OfEveryStep {
+        /// h σ φᵀφ (s).
+        largest_gain_s: f64,
+    },
+}
+
+impl StepLimit {
+    /// The largest σ for a step of `h_s` and this φᵀφ.
+    pub(crate) fn largest_activation(&self, h_s: f64, squared_features: f64) -> f64 {
+        match self {
+            Self::Integrator { gain_per_s, fastest_learning } => {
+                largest_learning_rate(*gain_per_s, h_s) / (fastest_learning * squared_features)
+            }
+            Self::OfEveryStep { largest_gain_s } => largest_gain_s / (h_s * squared_features),
+        }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

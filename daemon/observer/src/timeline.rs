@@ -8,66 +8,59 @@
 //! The weights' update belongs to the next sample, whose stamp tells how long the output was held; until
 //! then it is carried along as a pending increment.
 
-use crate::DesignError;
-use crate::channel::{Channel, ChannelDesign, Learning, Segment};
-use nalgebra::Vector3;
+use crate::certificate::Certificate;
+use crate::law::{Law, Learning};
+use nalgebra::SVector;
 
-/// What is integrated from a channel's output: a position, or an attitude.
-pub(crate) trait Kinematics: Copy {
-    /// The pose after a segment that starts at `start_ns`.
-    fn after(&self, segment: &Segment, start_ns: u64) -> Self;
+/// The nominal plant with at most M outputs, solved exactly for held inputs.
+pub(crate) trait Plant<const M: usize> {
+    /// x̂, and what is integrated along with it.
+    type State: Copy;
+
+    /// C x̂.
+    fn output(&self, state: &Self::State) -> SVector<f64, M>;
+
+    /// The state at the first output, from the one before it.
+    fn start(&self, waiting: &Self::State, output: &SVector<f64, M>) -> Self::State;
+
+    /// The state after a step of `h_s` with the held `output` and `force` = u + f̂: `x̂' = A x̂ + L (y − C x̂) + B (u + f̂)`.
+    fn follow(
+        &mut self,
+        at: &Moment<Self::State>,
+        output: &SVector<f64, M>,
+        force: &SVector<f64, M>,
+        h_s: f64,
+    ) -> Self::State;
+
+    /// The same without an output: `x̂' = A x̂ + B (u + f̂)`.
+    fn coast(&mut self, at: &Moment<Self::State>, force: &SVector<f64, M>, h_s: f64) -> Self::State;
 }
 
-/// Output and pose at one instant.
+/// The state at one instant.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Moment<K> {
+pub(crate) struct Moment<S> {
     pub(crate) stamp_ns: u64,
-    pub(crate) rate: Vector3<f64>,
-    pub(crate) pose: K,
-}
-
-impl<K: Kinematics> Moment<K> {
-    fn after(&self, segment: &Segment, stamp_ns: u64) -> Self {
-        Self { stamp_ns, rate: segment.end, pose: self.pose.after(segment, self.stamp_ns) }
-    }
+    pub(crate) state: S,
 }
 
 /// A point of the coasting grid, with f̂ and φᵀφ there.
 #[derive(Debug, Clone, Copy)]
-struct GridPoint<K> {
+struct GridPoint<S, const M: usize> {
     /// Counts from the end of the hold.
     index: u64,
-    moment: Moment<K>,
-    matched_force: Vector3<f64>,
+    moment: Moment<S>,
+    matched_force: SVector<f64, M>,
     squared_features: f64,
 }
 
 /// What a channel says about an instant.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Prediction<K> {
-    pub(crate) moment: Moment<K>,
-    pub(crate) matched_force: Vector3<f64>,
+pub(crate) struct Prediction<S, const M: usize> {
+    pub(crate) moment: Moment<S>,
+    pub(crate) matched_force: SVector<f64, M>,
     pub(crate) squared_features: f64,
-    pub(crate) learning: Learning,
+    pub(crate) learning: Learning<M>,
     pub(crate) coasting: bool,
-}
-
-/// Forces that need no learning, added to the input.
-#[derive(Debug, Clone, Copy)]
-pub(crate) enum KnownForce {
-    /// Gravity, buoyancy.
-    Constant(Vector3<f64>),
-    /// −ω × Iω, from the estimate at the start of a step.
-    Gyroscopic(nalgebra::Matrix3<f64>),
-}
-
-impl KnownForce {
-    fn at(&self, rate: &Vector3<f64>) -> Vector3<f64> {
-        match self {
-            Self::Constant(force) => *force,
-            Self::Gyroscopic(inertia) => -rate.cross(&(inertia * rate)),
-        }
-    }
 }
 
 /// The newest points of the coasting grid. A sample that comes late, but not later than this many steps,
@@ -79,50 +72,57 @@ const STEPS_OF_ONE_LENGTH: u64 = 32;
 const LONGEST_STEP_NS: u64 = 250_000_000;
 
 #[derive(Debug, Clone)]
-pub(crate) struct Timeline<K> {
-    pub(crate) channel: Channel,
-    known_force: KnownForce,
+pub(crate) struct Timeline<P: Plant<M>, const M: usize> {
+    pub(crate) law: Law<M>,
+    pub(crate) certificate: Certificate,
+    plant: P,
     hold_ns: u64,
     coast_step_ns: u64,
     /// The state just after the newest sample; `None` before the first output.
-    committed: Option<Moment<K>>,
-    /// Output estimate at the first output; `None` takes the output itself.
-    initial_rate: Option<Vector3<f64>>,
-    initial_pose: K,
-    /// Pose before the first output: the initial one, and fixes.
-    waiting_pose: K,
-    input: Vector3<f64>,
+    committed: Option<Moment<P::State>>,
+    initial: P::State,
+    /// The state before the first output: the initial one, and fixes.
+    waiting: P::State,
+    input: SVector<f64, M>,
     held_until_ns: u64,
     last_learning_clamped: bool,
     output_stamp_ns: Option<u64>,
-    trail: [Option<GridPoint<K>>; TRAIL],
+    trail: [Option<GridPoint<P::State, M>>; TRAIL],
     trail_end: usize,
+    /// The last state and weights that were known to be good.
+    good_moment: Option<Moment<P::State>>,
+    good_weights: Vec<Vec<f64>>,
 }
 
-impl<K: Kinematics> Timeline<K> {
-    /// A timeline for a channel of this design, before its first output.
+impl<P: Plant<M>, const M: usize> Timeline<P, M> {
+    /// A timeline before its first output. An output is held for at most `hold_s`; then the channel coasts in
+    /// steps of `coast_step_s`.
     pub(crate) fn new(
-        design: ChannelDesign,
-        known_force: KnownForce,
-        initial_rate: Option<Vector3<f64>>,
-        initial_pose: K,
-    ) -> Result<Self, DesignError> {
-        Ok(Self {
-            known_force,
-            hold_ns: nanoseconds(design.hold_s),
-            coast_step_ns: nanoseconds(design.coast_step_s).max(1),
-            channel: Channel::new(design)?,
+        law: Law<M>,
+        plant: P,
+        certificate: Certificate,
+        (hold_s, coast_step_s): (f64, f64),
+        initial: P::State,
+    ) -> Self {
+        let weights = law.weights().to_vec();
+        Self {
+            law,
+            certificate,
+            plant,
+            hold_ns: nanoseconds(hold_s),
+            coast_step_ns: nanoseconds(coast_step_s).max(1),
             committed: None,
-            initial_rate,
-            initial_pose,
-            waiting_pose: initial_pose,
-            input: Vector3::zeros(),
+            initial,
+            waiting: initial,
+            input: SVector::zeros(),
             held_until_ns: 0,
             last_learning_clamped: false,
             output_stamp_ns: None,
             trail: [None; TRAIL],
             trail_end: 0,
-        })
+            good_moment: None,
+            good_weights: weights,
+        }
     }
 
     /// Moves to the stamp of a new sample, learns from the output held until then, and takes what the
@@ -130,53 +130,49 @@ impl<K: Kinematics> Timeline<K> {
     pub(crate) fn accept(
         &mut self,
         stamp_ns: u64,
-        output: Option<Vector3<f64>>,
-        input: Option<Vector3<f64>>,
-        take_fix: impl FnOnce(&mut K),
+        output: Option<SVector<f64, M>>,
+        input: Option<SVector<f64, M>>,
+        take_fix: impl FnOnce(&mut P::State),
     ) {
         match (self.committed, output) {
             (Some(committed), _) => {
                 let moment = self.predict(stamp_ns).moment;
-                let learning = self.channel.learning(self.held_h_s(&committed, stamp_ns));
-                self.channel.learn(&learning);
+                let learning = self.law.learning(self.held_h_s(&committed, stamp_ns));
+                self.law.learn(&learning);
                 self.last_learning_clamped = learning.clamped;
                 self.committed = Some(moment);
             }
             (None, Some(output)) => {
-                let rate = self.initial_rate.unwrap_or(output);
-                self.committed = Some(Moment { stamp_ns, rate, pose: self.waiting_pose });
+                self.committed = Some(Moment { stamp_ns, state: self.plant.start(&self.waiting, &output) });
             }
             (None, None) => {}
         }
         self.input = input.unwrap_or(self.input);
         take_fix(match &mut self.committed {
-            Some(moment) => &mut moment.pose,
-            None => &mut self.waiting_pose,
+            Some(moment) => &mut moment.state,
+            None => &mut self.waiting,
         });
         if let Some(moment) = &self.committed {
+            let output_estimate = self.plant.output(&moment.state);
             if let Some(output) = output {
-                self.channel.observe(&output, &moment.rate);
+                self.law.observe(&output, &output_estimate);
                 self.held_until_ns = stamp_ns.saturating_add(self.hold_ns);
                 self.output_stamp_ns = Some(stamp_ns);
             } else if self.held_until_ns > stamp_ns {
-                self.channel.observe_again(&moment.rate);
+                self.law.observe_again(&output_estimate);
             }
         }
         self.trail = [None; TRAIL];
     }
 
     /// The estimate at `to_ns`, not before the newest sample. Changes nothing but the coasting grid.
-    pub(crate) fn predict(&mut self, to_ns: u64) -> Prediction<K> {
+    pub(crate) fn predict(&mut self, to_ns: u64) -> Prediction<P::State, M> {
         let Some(committed) = self.committed else {
             return Prediction {
-                moment: Moment {
-                    stamp_ns: to_ns,
-                    rate: self.initial_rate.unwrap_or_default(),
-                    pose: self.waiting_pose,
-                },
-                matched_force: Vector3::zeros(),
+                moment: Moment { stamp_ns: to_ns, state: self.waiting },
+                matched_force: SVector::zeros(),
                 squared_features: 0.0,
-                learning: Learning::default(),
+                learning: Learning::none(),
                 coasting: true,
             };
         };
@@ -202,34 +198,41 @@ impl<K: Kinematics> Timeline<K> {
             moment: if point.moment.stamp_ns == to_ns { point.moment } else { self.coast(&point, to_ns) },
             matched_force: point.matched_force,
             squared_features: point.squared_features,
-            learning: Learning::default(),
+            learning: Learning::none(),
             coasting: true,
         }
     }
 
     /// How long the output has been held since the newest sample, at `to_ns`.
-    fn held_h_s(&self, committed: &Moment<K>, to_ns: u64) -> f64 {
+    fn held_h_s(&self, committed: &Moment<P::State>, to_ns: u64) -> f64 {
         seconds(to_ns.min(self.held_until_ns).saturating_sub(committed.stamp_ns))
     }
 
-    fn hold(&self, committed: &Moment<K>, to_ns: u64) -> Prediction<K> {
+    fn hold(&mut self, committed: &Moment<P::State>, to_ns: u64) -> Prediction<P::State, M> {
         let h_s = self.held_h_s(committed, to_ns);
-        let learning = self.channel.learning(h_s);
-        let matched_force = self.channel.matched_force(&learning);
+        let learning = self.law.learning(h_s);
+        let matched_force = self.law.matched_force(&learning);
         let moment = if h_s == 0.0 {
             *committed
         } else {
-            let force = self.input + self.known_force.at(&committed.rate) + matched_force;
-            committed.after(&self.channel.follow(&committed.rate, &force, h_s), to_ns)
+            let force = self.input + matched_force;
+            let state = self.plant.follow(committed, self.law.held_output(), &force, h_s);
+            Moment { stamp_ns: to_ns, state }
         };
-        let squared_features = self.channel.squared_features();
+        let squared_features = self.law.squared_features();
         let clamped = learning.clamped || self.last_learning_clamped;
         let learning = Learning { clamped, ..learning };
         Prediction { moment, matched_force, squared_features, learning, coasting: false }
     }
 
-    fn grid_point(&mut self, index: u64, moment: Moment<K>, pending: &Learning) -> GridPoint<K> {
-        let (matched_force, squared_features) = self.channel.matched_force_at(&moment.rate, pending);
+    fn grid_point(
+        &mut self,
+        index: u64,
+        moment: Moment<P::State>,
+        pending: &Learning<M>,
+    ) -> GridPoint<P::State, M> {
+        let output = self.plant.output(&moment.state);
+        let (matched_force, squared_features) = self.law.matched_force_at(&output, pending);
         let point = GridPoint { index, moment, matched_force, squared_features };
         self.trail[self.trail_end] = Some(point);
         self.trail_end = (self.trail_end + 1) % TRAIL;
@@ -242,43 +245,99 @@ impl<K: Kinematics> Timeline<K> {
         (self.coast_step_ns << doublings).min(LONGEST_STEP_NS.max(self.coast_step_ns))
     }
 
-    fn newest_grid_point(&self, to_ns: u64) -> Option<GridPoint<K>> {
+    fn newest_grid_point(&self, to_ns: u64) -> Option<GridPoint<P::State, M>> {
         let before = self.trail.iter().flatten().filter(|point| point.moment.stamp_ns <= to_ns);
         before.max_by_key(|point| point.moment.stamp_ns).copied()
     }
 
-    fn coast(&self, point: &GridPoint<K>, to_ns: u64) -> Moment<K> {
-        let rate = &point.moment.rate;
-        let force = self.input + self.known_force.at(rate) + point.matched_force;
+    fn coast(&mut self, point: &GridPoint<P::State, M>, to_ns: u64) -> Moment<P::State> {
+        let force = self.input + point.matched_force;
         let h_s = seconds(to_ns - point.moment.stamp_ns);
-        point.moment.after(&self.channel.coast(rate, &force, h_s), to_ns)
-    }
-
-    /// Stamp of the newest output, if there was one.
-    pub(crate) fn output_stamp_ns(&self) -> Option<u64> {
-        self.output_stamp_ns
-    }
-
-    /// The state just after the newest sample, if an output ever came.
-    pub(crate) fn committed(&self) -> Option<Moment<K>> {
-        self.committed
+        Moment { stamp_ns: to_ns, state: self.plant.coast(&point.moment, &force, h_s) }
     }
 
     /// Puts the state back to an earlier one, from which it coasts to now.
-    pub(crate) fn put_back(&mut self, moment: Option<Moment<K>>) {
+    fn put_back(&mut self, moment: Option<Moment<P::State>>) {
         self.committed = moment;
         self.held_until_ns = 0;
         self.trail = [None; TRAIL];
     }
 
+    /// Keeps a copy of the committed state and weights. No allocation.
+    pub(crate) fn keep_good_copy(&mut self) {
+        self.good_moment = self.committed;
+        for (kept, theta) in self.good_weights.iter_mut().zip(self.law.weights()) {
+            kept.copy_from_slice(theta);
+        }
+    }
+
+    /// Puts state and weights back to the last good copy, from which it coasts to now. No allocation.
+    pub(crate) fn restore_good_copy(&mut self) {
+        self.put_back(self.good_moment);
+        self.law.set_weights(&self.good_weights);
+    }
+
     /// Forgets the state, not what was learned: starts again from the next output, at any stamp.
     pub(crate) fn restart(&mut self) {
-        self.waiting_pose = self.initial_pose;
+        self.waiting = self.initial;
         self.output_stamp_ns = None;
-        self.input = Vector3::zeros();
+        self.input = SVector::zeros();
         self.last_learning_clamped = false;
         self.put_back(None);
     }
+
+    /// How far the estimate at an instant can be trusted.
+    pub(crate) fn report(&self, at: &Prediction<P::State, M>, stamp_ns: u64) -> ChannelReport {
+        let space = self.law.space();
+        let (lower, upper) = space.bounding_box();
+        let output = if at.coasting { self.plant.output(&at.moment.state) } else { *self.law.held_output() };
+        let power_function = space.power_function(at.squared_features);
+        ChannelReport {
+            output_error: if at.coasting { 0.0 } else { self.law.output_error().norm() },
+            activation: at.learning.activation,
+            power_function: power_function / space.value_at_zero().sqrt(),
+            native_norm: self.law.native_norm(),
+            error_bound: if at.coasting {
+                f64::INFINITY
+            } else {
+                self.certificate.error_bound(power_function)
+            },
+            output_age_s: match self.output_stamp_ns {
+                Some(output_stamp_ns) => seconds(stamp_ns.saturating_sub(output_stamp_ns)),
+                None => f64::INFINITY,
+            },
+            coasting: at.coasting,
+            clamped: at.learning.clamped,
+            outside_centers: lower
+                .iter()
+                .zip(upper)
+                .zip(&output)
+                .any(|((lower, upper), y)| !(lower..=upper).contains(&y)),
+        }
+    }
+}
+
+/// How far one channel's part of an estimate can be trusted.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ChannelReport {
+    /// ‖ỹ‖ at the held sample; 0 while coasting.
+    pub output_error: f64,
+    /// σ as used; 0 while coasting.
+    pub activation: f64,
+    /// P_N / √κ(0) at the held or predicted output, 0 … 1.
+    pub power_function: f64,
+    /// ‖f̂_N‖ of the committed weights.
+    pub native_norm: f64,
+    /// max(d, E₀), a bound and not a covariance; +∞ while coasting.
+    pub error_bound: f64,
+    /// Time since the newest output's stamp (s); +∞ before the first.
+    pub output_age_s: f64,
+    /// No output is held: prediction only.
+    pub coasting: bool,
+    /// σ was held down to keep the sampled law stable.
+    pub clamped: bool,
+    /// The held or predicted output lies outside of the box of the centers.
+    pub outside_centers: bool,
 }
 
 pub(crate) fn seconds(duration_ns: u64) -> f64 {

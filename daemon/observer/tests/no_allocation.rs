@@ -5,15 +5,15 @@ use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 use observer::*;
 fn channel(inertia: f64) -> ChannelDesign {
     ChannelDesign {
-        kernel: Kernel::SobolevMatern { order: MaternOrder::Three },
-        length_scale: 1.0,
+        kernel: Kernel::SobolevMatern { dimension: 3, order: 3 },
+        length_scale: LengthScale::Isotropic(1.0),
         centers: Centers::lattice([-1.0; 3], [1.0; 3], [4; 3]).unwrap(),
         nugget: 0.0,
         inertia: Matrix3::identity() * inertia,
         gain_per_s: 10.0,
         adaptation_rate: Matrix3::identity() * 10.0,
         dead_zone: DeadZone::new(DeadZoneShape::Saturated, 1e-3, 1e-3).unwrap(),
-        noise_bound: 0.0,
+        bounds: DisturbanceBounds::default(),
         hold_s: 0.0075,
         coast_step_s: 0.005,
     }

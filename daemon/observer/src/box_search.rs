@@ -1,0 +1,189 @@
+//! The largest value of a function over a box: what was found, and what it can at most be.
+
+use std::cmp::Ordering;
+use std::collections::BinaryHeap;
+
+/// The largest value of a function over a box.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Supremum {
+    /// The largest value found.
+    pub value: f64,
+    /// Where it is taken, in the unit of the box.
+    pub at: Vec<f64>,
+    /// No point of the box has a larger one.
+    pub upper_bound: f64,
+    /// Points looked at.
+    pub evaluations: usize,
+}
+
+/// The box around a point, and what the function can at most be in it.
+struct Cell {
+    upper_bound: f64,
+    value: f64,
+    center: Vec<f64>,
+    half_widths: Vec<f64>,
+}
+
+impl PartialEq for Cell {
+    fn eq(&self, other: &Self) -> bool {
+        self.cmp(other) == Ordering::Equal
+    }
+}
+impl Eq for Cell {}
+impl PartialOrd for Cell {
+    fn partial_cmp(&self, other: &Self) -> Option<Ordering> {
+        Some(self.cmp(other))
+    }
+}
+impl Ord for Cell {
+    fn cmp(&self, other: &Self) -> Ordering {
+        self.upper_bound.total_cmp(&other.upper_bound)
+    }
+}
+
+/// A search ends once the upper bound is this close to the value found, relative to it.
+const TOLERANCE: f64 = 1e-3;
+/// The best points of the division from which a local search starts.
+const LOCAL_STARTS: usize = 16;
+
+/// Branch and bound over the box with these corners, then local searches from the best points found.
+///
+/// `modulus(ρ)` bounds `|f(y) − f(z)|` for y and z of a weighted distance ρ, each axis multiplied by its entry of
+/// `weights`: what makes the upper bound one. Deterministic; at most about `most_evaluations`.
+pub(crate) fn supremum_over_box(
+    (lower, upper): (&[f64], &[f64]),
+    weights: &[f64],
+    modulus: impl Fn(f64) -> f64,
+    most_evaluations: usize,
+    mut f: impl FnMut(&[f64]) -> f64,
+) -> Supremum {
+    let mut evaluations = 0;
+    let mut cell = |center: Vec<f64>, half_widths: Vec<f64>| {
+        evaluations += 1;
+        let value = f(&center);
+        let radius = half_widths.iter().zip(weights).map(|(h, w)| (h * w).powi(2)).sum::<f64>().sqrt();
+        (Cell { upper_bound: value + modulus(radius), value, center, half_widths }, evaluations)
+    };
+    let center = lower.iter().zip(upper).map(|(a, b)| 0.5 * (a + b)).collect();
+    let half_widths: Vec<f64> = lower.iter().zip(upper).map(|(a, b)| 0.5 * (b - a)).collect();
+    let mut best: Vec<(f64, Vec<f64>)> = Vec::new();
+    let mut note = |cell: &Cell| {
+        let place = best.partition_point(|(value, _)| *value >= cell.value);
+        if place < LOCAL_STARTS {
+            best.insert(place, (cell.value, cell.center.clone()));
+            best.truncate(LOCAL_STARTS);
+        }
+        best[0].0
+    };
+    let (first, _) = cell(center, half_widths.clone());
+    let mut largest = note(&first);
+    let mut cells = BinaryHeap::from([first]);
+    let mut bound = f64::INFINITY;
+    while let Some(top) = cells.pop() {
+        bound = top.upper_bound;
+        let axis = (0..weights.len())
+            .max_by(|&a, &b| (top.half_widths[a] * weights[a]).total_cmp(&(top.half_widths[b] * weights[b])))
+            .expect("a box has at least one axis");
+        if bound <= largest * (1.0 + TOLERANCE) || top.half_widths[axis] == 0.0 {
+            break;
+        }
+        let mut spent = 0;
+        for side in [-0.5, 0.5] {
+            let (mut center, mut half_widths) = (top.center.clone(), top.half_widths.clone());
+            center[axis] += side * half_widths[axis];
+            half_widths[axis] *= 0.5;
+            let (part, evaluations) = cell(center, half_widths);
+            largest = note(&part);
+            spent = evaluations;
+            cells.push(part);
+        }
+        if spent >= most_evaluations {
+            bound = cells.peek().map_or(bound, |top| top.upper_bound);
+            break;
+        }
+    }
+    let (mut value, mut at) = best[0].clone();
+    for (start_value, start) in best {
+        let mut climb = Climb { value: start_value, at: start };
+        evaluations += climb.run((lower, upper), &half_widths, &mut f);
+        if climb.value > value {
+            (value, at) = (climb.value, climb.at);
+        }
+    }
+    Supremum { value, at, upper_bound: bound.max(value), evaluations }
+}
+
+/// A compass search: along each axis by a step that is halved when no direction climbs.
+struct Climb {
+    value: f64,
+    at: Vec<f64>,
+}
+
+impl Climb {
+    fn run(
+        &mut self,
+        (lower, upper): (&[f64], &[f64]),
+        half_widths: &[f64],
+        f: &mut impl FnMut(&[f64]) -> f64,
+    ) -> usize {
+        let mut evaluations = 0;
+        let mut step = 1.0 / 16.0;
+        while step > 1e-8 && evaluations < 400 {
+            let mut climbed = false;
+            for axis in 0..self.at.len() {
+                for direction in [-step, step] {
+                    let mut trial = self.at.clone();
+                    trial[axis] =
+                        (trial[axis] + direction * half_widths[axis]).clamp(lower[axis], upper[axis]);
+                    evaluations += 1;
+                    let value = f(&trial);
+                    if value > self.value {
+                        (self.value, self.at, climbed) = (value, trial, true);
+                    }
+                }
+            }
+            if !climbed {
+                step *= 0.25;
+            }
+        }
+        evaluations
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A sum of cosines with its maximum inside, Lipschitz with constant √(1 + 9).
+    #[test]
+    fn a_known_maximum_is_found_and_bounded() {
+        let f = |y: &[f64]| (y[0] - 0.3).cos() + (3.0 * y[1] + 0.2).cos();
+        let found = supremum_over_box(
+            (&[-1.0, -1.0], &[1.0, 1.0]),
+            &[1.0, 1.0],
+            |rho| 10.0_f64.sqrt() * rho,
+            20_000,
+            f,
+        );
+        assert!((found.value - 2.0).abs() < 1e-9, "{found:?}");
+        assert!((found.at[0] - 0.3).abs() < 1e-4 && (found.at[1] + 0.2 / 3.0).abs() < 1e-4);
+        assert!(found.upper_bound >= 2.0 && found.upper_bound < 2.01, "{found:?}");
+    }
+
+    /// The bound holds where the budget ends the search long before it is sharp, and where the maximum is a
+    /// needle that no evaluation meets.
+    #[test]
+    fn the_bound_is_one_even_when_the_search_misses() {
+        let needle = |y: &[f64]| (1.0 - 50.0 * (y[0] - 0.123_456).abs()).max(0.0);
+        for budget in [3, 10, 100] {
+            let found = supremum_over_box((&[-1.0], &[1.0]), &[1.0], |rho| 50.0 * rho, budget, needle);
+            assert!(found.upper_bound >= 1.0, "{found:?}");
+        }
+    }
+
+    #[test]
+    fn a_box_without_extent_is_a_point() {
+        let found = supremum_over_box((&[2.0], &[2.0]), &[1.0], |rho| rho, 100, |y| y[0]);
+        assert_eq!((found.value, found.at, found.upper_bound), (2.0, vec![2.0], 2.0));
+    }
+}

@@ -1,0 +1,112 @@
+//! The size that the theorems claim the error settles below: E₀, d_N, and what an estimate carries.
+//!
+//! With the Lur'e pair P, Q = WᵀW + εP of the error dynamics (`A_eᵀP + PA_e = −Q`, `PB = Cᵀ`), an error e that obeys
+//!
+//! `e' = A_e e + B f̃(y) − L δ + G ξ ,   ‖δ‖ ≤ δ̄ ,  ‖ξ‖ ≤ ξ̄`
+//!
+//! and V = eᵀPe + ⟨f̃, Γ_f⁻¹ f̃⟩, the terms that the adaptation does not cancel are at most
+//!
+//! `V' ≤ −λ_min(Q) ‖e‖² + 2 ‖e‖ (‖PL‖ δ̄ + ‖PG‖ ξ̄ + ‖C‖ P_N r_f)`
+//!
+//! so V falls outside of the ball of the radius E₀ (r_f = 0) or d_N:
+//!
+//! ```text
+//! E₀  = 2 (‖PL‖ δ̄ + ‖PG‖ ξ̄) / λ_min(Q)
+//! d_N = 2 ‖C‖ (sup P_N · r_f + ‖PL‖ δ̄ + ‖PG‖ ξ̄) / λ_min(Q)
+//! ```
+//!
+//! # Source
+//! Niu et al., Theorems 1 and 2. The paper's E₀ lacks the 2 that its own V' has; the terms in ξ̄ are ours: the
+//! paper names ξ and never bounds it. With δ ≠ 0 the proof drops −2σ⟨f̃(y), δ⟩: then the size is the paper's claim.
+
+use crate::channel::{ChannelDesign, DisturbanceBounds};
+use crate::{DeadZone, NativeSpace};
+
+/// What the theorems claim for one channel.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Certificate {
+    /// λ_min(Q), Q = WᵀW + εP.
+    pub lambda_min: f64,
+    /// ‖PL‖₂.
+    pub pl_norm: f64,
+    /// ‖C‖₂.
+    pub output_norm: f64,
+    /// ‖PG‖₂: with G = B, for a force, it is ‖C‖.
+    pub disturbance_norm: f64,
+    /// δ̄, ξ̄, r_f.
+    pub bounds: DisturbanceBounds,
+    /// d.
+    pub dead_zone_width: f64,
+    /// An upper bound of sup P_N over the box of the centers; 0 where r_f = 0 and it is not needed.
+    pub sup_power_function: f64,
+}
+
+impl Certificate {
+    /// Of a rigid body's channel: A = 0, B = M⁻¹, C = I, L = λI, hence P = M and Q = 2λM.
+    ///
+    /// # Cost
+    /// A search for sup P_N where r_f > 0.
+    pub fn of_channel(design: &ChannelDesign, space: &NativeSpace) -> Self {
+        let masses = design.inertia.symmetric_eigenvalues();
+        Self::new(
+            (2.0 * design.gain_per_s * masses.min(), design.gain_per_s * masses.max()),
+            (1.0, 1.0),
+            design.bounds,
+            &design.dead_zone,
+            space,
+        )
+    }
+
+    /// From λ_min(Q) and ‖PL‖, and from ‖C‖ and ‖PG‖.
+    pub(crate) fn new(
+        (lambda_min, pl_norm): (f64, f64),
+        (output_norm, disturbance_norm): (f64, f64),
+        bounds: DisturbanceBounds,
+        dead_zone: &DeadZone,
+        space: &NativeSpace,
+    ) -> Self {
+        let sup_power_function =
+            if bounds.residual_norm > 0.0 { space.sup_power_function().upper_bound } else { 0.0 };
+        Self {
+            lambda_min,
+            pl_norm,
+            output_norm,
+            disturbance_norm,
+            bounds,
+            dead_zone_width: dead_zone.width(),
+            sup_power_function,
+        }
+    }
+
+    /// `‖PL‖ δ̄ + ‖PG‖ ξ̄`.
+    fn disturbance(&self) -> f64 {
+        self.pl_norm * self.bounds.noise + self.disturbance_norm * self.bounds.unmatched
+    }
+
+    /// E₀ in the state's unit: the error settles below, if f lies in H and is learned without centers (Theorem 1).
+    pub fn e0(&self) -> f64 {
+        2.0 * self.disturbance() / self.lambda_min
+    }
+
+    /// d_N in the state's unit: a dead zone must be wider (Theorem 2).
+    pub fn d_n(&self) -> f64 {
+        self.d_n_at(0.0)
+    }
+
+    /// d_N where the power function is `power_function`, if that is more than over the box of the centers.
+    fn d_n_at(&self, power_function: f64) -> f64 {
+        let residual = self.sup_power_function.max(power_function) * self.bounds.residual_norm;
+        2.0 * self.output_norm * (residual + self.disturbance()) / self.lambda_min
+    }
+
+    /// d > d_N: the condition of Theorem 2.
+    pub fn is_admissible(&self) -> bool {
+        self.dead_zone_width > self.d_n()
+    }
+
+    /// max(d, d_N): the size that the theorems claim the error settles below, with the power function at the
+    /// present output in case that lies outside of the centers. A bound, not a covariance.
+    pub fn error_bound(&self, power_function: f64) -> f64 {
+        self.dead_zone_width.max(self.d_n_at(power_function))
+    }
+}

@@ -1,0 +1,251 @@
+//! The adaptive law on its own, whatever plant it serves: output error, features, weights, matched force.
+//!
+//! ```text
+//! ỹ = y − C x̂_j
+//! φ = R⁻¹ k(y)
+//! θ_{j+1} = θ_j + h σ(‖ỹ‖) φ (Γ_f ỹ)ᵀ
+//! f̂ = θ_{j+1}ᵀ φ
+//! ```
+//!
+//! The continuous law is `θ' = σ(‖ỹ‖) φ(y) (Γ_f ỹ)ᵀ`, which in the paper's coordinates is
+//! `α̂' = σ(‖ỹ‖) K⁻¹ k(y) (Γ_f ỹ)ᵀ` (Niu et al., §IV-B; the paper drops σ there), sampled with y and ỹ held over the
+//! step h.
+//!
+//! | symbol | name | shape | unit |
+//! |---|---|---|---|
+//! | y, ỹ | `output`, `output_error` | m | the output's |
+//! | f̂ | `matched_force` | m | the input's |
+//! | Γ_f | `adaptation_rate` | m×m | the input's, per second and unit of output |
+//! | θ, φ | `weights`, `features` | N×m, N | the input's; 1 |
+
+use crate::native_space::dot;
+use crate::stability::StepLimit;
+use crate::{DeadZone, NativeSpace};
+use nalgebra::{SMatrix, SVector};
+
+/// At run time σ is held below this part of what the sampled-data bound allows: the bound itself is where
+/// an error changes sign for ever.
+const STABILITY_MARGIN: f64 = 0.9;
+
+/// The law with its weights, for at most M outputs. Everything is allocated here; steps allocate nothing.
+///
+/// A plant with m < M outputs uses the first m entries of every vector; the others are zero.
+#[derive(Debug, Clone)]
+pub struct Law<const M: usize> {
+    space: NativeSpace,
+    dead_zone: DeadZone,
+    adaptation_rate: SMatrix<f64, M, M>,
+    step_limit: StepLimit,
+    frozen: bool,
+    weights: [Vec<f64>; M],
+    native_norm: f64,
+    held: HeldOutput<M>,
+    features: Vec<f64>,
+    kernel_vector: Vec<f64>,
+    query_features: Vec<f64>,
+}
+
+/// What follows from the held output alone, before it is known how long it will be held.
+#[derive(Debug, Clone, Copy)]
+struct HeldOutput<const M: usize> {
+    output: SVector<f64, M>,
+    output_error: SVector<f64, M>,
+    activation: f64,
+    squared_features: f64,
+    /// θ_jᵀ φ.
+    prior_force: SVector<f64, M>,
+}
+
+impl<const M: usize> HeldOutput<M> {
+    fn nothing() -> Self {
+        let zero = SVector::zeros();
+        Self { output: zero, output_error: zero, activation: 0.0, squared_features: 0.0, prior_force: zero }
+    }
+}
+
+/// One update of the weights, θ_{j+1} − θ_j = φ (h σ Γ_f ỹ)ᵀ, for one length of the step.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Learning<const M: usize> {
+    /// σ as used.
+    pub activation: f64,
+    /// Whether σ was held down to keep the sampled law stable.
+    pub clamped: bool,
+    /// h σ Γ_f ỹ, in the input's unit.
+    pub increment: SVector<f64, M>,
+}
+
+impl<const M: usize> Learning<M> {
+    /// No update.
+    pub fn none() -> Self {
+        Self { activation: 0.0, clamped: false, increment: SVector::zeros() }
+    }
+}
+
+impl<const M: usize> Law<M> {
+    /// The law with weights zero. `step_limit` is what keeps the sampled law stable with its plant.
+    pub(crate) fn new(
+        space: NativeSpace,
+        dead_zone: DeadZone,
+        adaptation_rate: SMatrix<f64, M, M>,
+        step_limit: StepLimit,
+    ) -> Self {
+        let n = space.n_centers();
+        let m = space.centers().dimension();
+        Self {
+            dead_zone,
+            adaptation_rate,
+            step_limit,
+            frozen: false,
+            weights: std::array::from_fn(|axis| vec![0.0; if axis < m { n } else { 0 }]),
+            native_norm: 0.0,
+            held: HeldOutput::nothing(),
+            features: vec![0.0; n],
+            kernel_vector: vec![0.0; n],
+            query_features: vec![0.0; n],
+            space,
+        }
+    }
+
+    /// Takes a new output y against the output estimate Cx̂: ỹ, φ, σ and θᵀφ.
+    ///
+    /// # Cost
+    /// N(N+1)/2 + N m multiply-adds and N kernel values; no allocation.
+    pub fn observe(&mut self, output: &SVector<f64, M>, output_estimate: &SVector<f64, M>) {
+        self.held.output = *output;
+        let point = &output.as_slice()[..self.space.centers().dimension()];
+        self.space.features(point, &mut self.kernel_vector, &mut self.features);
+        self.held.squared_features = dot(&self.features, &self.features);
+        self.observe_again(output_estimate);
+    }
+
+    /// Takes the held output once more, against a newer estimate and newer weights.
+    pub fn observe_again(&mut self, output_estimate: &SVector<f64, M>) {
+        self.held.output_error = self.held.output - output_estimate;
+        let open = if self.frozen { 0.0 } else { 1.0 };
+        self.held.activation = open * self.dead_zone.activation(self.held.output_error.norm());
+        self.held.prior_force = SVector::from_fn(|axis, _| dot(&self.weights[axis], &self.features));
+    }
+
+    /// The weights' update if the output is held for `h_s`.
+    pub fn learning(&self, h_s: f64) -> Learning<M> {
+        let held = &self.held;
+        if held.activation == 0.0 || h_s == 0.0 {
+            return Learning { activation: held.activation, ..Learning::none() };
+        }
+        let allowed = STABILITY_MARGIN * self.step_limit.largest_activation(h_s, held.squared_features);
+        let activation = held.activation.min(allowed);
+        Learning {
+            activation,
+            clamped: activation < held.activation,
+            increment: h_s * activation * (self.adaptation_rate * held.output_error),
+        }
+    }
+
+    /// f̂(y) at the held output after the update: `θ_{j+1}ᵀ φ = θ_jᵀ φ + φᵀφ · h σ Γ_f ỹ`.
+    pub fn matched_force(&self, learning: &Learning<M>) -> SVector<f64, M> {
+        self.held.prior_force + self.held.squared_features * learning.increment
+    }
+
+    /// θ_{j+1} = θ_j + φ (h σ Γ_f ỹ)ᵀ.
+    pub fn learn(&mut self, learning: &Learning<M>) {
+        if learning.increment == SVector::<f64, M>::zeros() {
+            return;
+        }
+        let mut squared_norm = 0.0;
+        for (theta, increment) in self.weights.iter_mut().zip(&learning.increment) {
+            for (weight, feature) in theta.iter_mut().zip(&self.features) {
+                *weight += increment * feature;
+            }
+            squared_norm += dot(theta, theta);
+        }
+        self.native_norm = squared_norm.sqrt();
+    }
+
+    /// f̂ at another point than the held output, with an update of the weights that is not yet made; and
+    /// φᵀφ there.
+    ///
+    /// # Cost
+    /// As [`Law::observe`].
+    pub fn matched_force_at(
+        &mut self,
+        point: &SVector<f64, M>,
+        pending: &Learning<M>,
+    ) -> (SVector<f64, M>, f64) {
+        let coordinates = &point.as_slice()[..self.space.centers().dimension()];
+        self.space.features(coordinates, &mut self.kernel_vector, &mut self.query_features);
+        let pending_part = match pending.increment == SVector::<f64, M>::zeros() {
+            true => 0.0,
+            false => dot(&self.features, &self.query_features),
+        };
+        let force = SVector::from_fn(|axis, _| dot(&self.weights[axis], &self.query_features));
+        (force + pending_part * pending.increment, dot(&self.query_features, &self.query_features))
+    }
+
+    /// Stops or resumes learning from the next output on; what was learned stays in use.
+    pub fn set_frozen(&mut self, frozen: bool) {
+        self.frozen = frozen;
+    }
+
+    /// Whether learning is stopped.
+    pub fn frozen(&self) -> bool {
+        self.frozen
+    }
+
+    /// Forgets what was learned.
+    pub fn forget(&mut self) {
+        self.weights.iter_mut().for_each(|theta| theta.fill(0.0));
+        self.native_norm = 0.0;
+        self.held = HeldOutput::nothing();
+    }
+
+    /// θ, one run of N per output.
+    pub fn weights(&self) -> &[Vec<f64>] {
+        &self.weights[..self.space.centers().dimension()]
+    }
+
+    /// Takes weights of a law of the same design. No allocation.
+    ///
+    /// # Panics
+    /// Where a run has not N entries.
+    pub fn set_weights(&mut self, weights: &[Vec<f64>]) {
+        for (theta, new) in self.weights.iter_mut().zip(weights) {
+            theta.copy_from_slice(new);
+        }
+        self.native_norm = self.weights.iter().map(|theta| dot(theta, theta)).sum::<f64>().sqrt();
+    }
+
+    /// The native space of f̂.
+    pub fn space(&self) -> &NativeSpace {
+        &self.space
+    }
+
+    /// σ's shape and width.
+    pub fn dead_zone(&self) -> &DeadZone {
+        &self.dead_zone
+    }
+
+    /// ‖f̂_N‖_H = ‖θ‖_F.
+    pub fn native_norm(&self) -> f64 {
+        self.native_norm
+    }
+
+    /// ỹ of the held output.
+    pub fn output_error(&self) -> &SVector<f64, M> {
+        &self.held.output_error
+    }
+
+    /// The output that was taken last.
+    pub fn held_output(&self) -> &SVector<f64, M> {
+        &self.held.output
+    }
+
+    /// φᵀφ at the held output.
+    pub fn squared_features(&self) -> f64 {
+        self.held.squared_features
+    }
+
+    /// P_N at the held output.
+    pub fn power_function(&self) -> f64 {
+        self.space.power_function(self.held.squared_features)
+    }
+}
