@@ -24,7 +24,7 @@ CASES = [
     "translation --adaptation-rate 5 --kernel-order 4 --initial zero-velocity --scheme predict-first",
     "rotation",
     "rotation --dead-zone saturated --width 0.02 --buffer 0.02 --adaptation-rate 5 --initial zero-velocity",
-    "rotation --dead-zone step --width 0.05 --adaptation-rate 2 --kernel-order 4 --rate-hz 500 --scheme predict-first",
+    "rotation --dead-zone step --width 0.02 --adaptation-rate 2 --kernel-order 4 --rate-hz 500 --scheme predict-first",
 ]
 MASS = 4.0
 INERTIA = np.array([0.2, 15.0, 15.0])
