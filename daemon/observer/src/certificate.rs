@@ -37,7 +37,7 @@ pub struct Certificate {
     pub bounds: DisturbanceBounds,
     /// d.
     pub dead_zone_width: f64,
-    /// An upper bound of sup P_N over the box of the centers; 0 where r_f = 0 and it is not needed.
+    /// sup P_N over the box of the centers, by search; 0 where r_f = 0 and it is not needed.
     pub sup_power_function: f64,
 }
 
@@ -66,7 +66,7 @@ impl Certificate {
         space: &NativeSpace,
     ) -> Self {
         let sup_power_function =
-            if bounds.residual_norm > 0.0 { space.sup_power_function().upper_bound } else { 0.0 };
+            if bounds.residual_norm > 0.0 { space.sup_power_function().value } else { 0.0 };
         Self {
             lambda_min,
             pl_norm,

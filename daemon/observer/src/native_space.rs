@@ -234,12 +234,14 @@ impl NativeSpace {
         }
     }
 
-    /// P_N(y) = √(κ(0) − φᵀφ), from φᵀφ: how badly the centers cover y; √κ(0) where they cover nothing.
+    /// P_N(y) = √(κ(0) − φᵀφ), from φᵀφ: how badly the centers cover y; √κ(0) where they cover nothing, 0 at a
+    /// center (there the difference is rounding noise).
     ///
     /// # Source
     /// Niu et al., eq. (power function): with 𝒦 = 𝔎 I_m all m entries of its maximum are the same.
     pub fn power_function(&self, squared_features: f64) -> f64 {
-        (self.value_at_zero - squared_features).max(0.0).sqrt()
+        let square = self.value_at_zero - squared_features;
+        if square > 4.0 * f64::EPSILON * self.value_at_zero { square.sqrt() } else { 0.0 }
     }
 
     /// P_N(y).
