@@ -61,6 +61,7 @@ mod channel;
 mod dead_zone;
 mod kernel;
 mod law;
+mod linear_algebra;
 mod native_function;
 mod native_space;
 mod position;
@@ -75,6 +76,7 @@ pub use channel::{Channel, ChannelDesign, DisturbanceBounds, Integrator, Segment
 pub use dead_zone::{DeadZone, DeadZoneShape};
 pub use kernel::{Kernel, RadialFunction};
 pub use law::{Law, Learning};
+pub use linear_algebra::LurePair;
 pub use native_function::NativeFunction;
 pub use native_space::{LengthScale, NativeSpace, ScaledKernel};
 pub use rigid_body::{

@@ -1,0 +1,288 @@
+//! What a design report asks of a linear plant: reachable and unobservable subspaces, poles, and the Lur'e pair.
+//!
+//! Set-up only: everything here allocates.
+
+use nalgebra::{Complex, DMatrix, DVector};
+
+/// A direction shorter than this part of what it came from lies in the span already.
+const RANK_TOLERANCE: f64 = 1e-9;
+
+/// An orthonormal basis of span {B, AB, A²B, …}: the reachable subspace of (A, B). n×r.
+pub(crate) fn reachable_subspace(a: &DMatrix<f64>, b: &DMatrix<f64>) -> DMatrix<f64> {
+    let mut basis: Vec<DVector<f64>> = Vec::new();
+    let mut fresh: Vec<DVector<f64>> = b.column_iter().map(|column| column.into_owned()).collect();
+    while !fresh.is_empty() && basis.len() < a.nrows() {
+        let mut added = Vec::new();
+        for direction in fresh {
+            let length = direction.norm();
+            let mut rest = direction;
+            // Twice is enough (Kahan).
+            for _ in 0..2 {
+                for known in &basis {
+                    let along = known.dot(&rest);
+                    rest -= along * known;
+                }
+            }
+            if rest.norm() > RANK_TOLERANCE * length && length > 0.0 {
+                let direction = rest.normalize();
+                added.push(a * &direction);
+                basis.push(direction);
+            }
+        }
+        fresh = added;
+    }
+    match basis.is_empty() {
+        true => DMatrix::zeros(a.nrows(), 0),
+        false => DMatrix::from_columns(&basis),
+    }
+}
+
+/// An orthonormal basis of the orthogonal complement of the columns of an orthonormal `basis`. n×(n−r).
+pub(crate) fn complement(basis: &DMatrix<f64>) -> DMatrix<f64> {
+    let n = basis.nrows();
+    let outside = DMatrix::identity(n, n) - basis * basis.transpose();
+    reachable_subspace(&DMatrix::zeros(n, n), &outside.map(|x| if x.abs() < 1e-12 { 0.0 } else { x }))
+}
+
+/// The eigenvalues of a square matrix.
+pub(crate) fn eigenvalues(matrix: &DMatrix<f64>) -> Vec<Complex<f64>> {
+    match matrix.nrows() {
+        0 => Vec::new(),
+        _ => matrix.complex_eigenvalues().iter().copied().collect(),
+    }
+}
+
+/// ‖M‖₂, the largest singular value.
+pub(crate) fn spectral_norm(matrix: &DMatrix<f64>) -> f64 {
+    if matrix.is_empty() { 0.0 } else { matrix.singular_values().max() }
+}
+
+/// The solution of the Lur'e equations (Niu et al., eqs. (Lur'e)): `A_eᵀP + PA_e = −WᵀW − εP`, `PB = Cᵀ`.
+#[derive(Debug, Clone, PartialEq)]
+pub struct LurePair {
+    /// P, symmetric positive definite, n×n.
+    pub p: DMatrix<f64>,
+    /// W, n×n.
+    pub w: DMatrix<f64>,
+    /// ε > 0 (1/s).
+    pub epsilon: f64,
+    /// λ_min(Q), Q = WᵀW + εP.
+    pub lambda_min: f64,
+    /// ‖PL‖₂.
+    pub pl_norm: f64,
+    /// ‖P‖₂.
+    pub p_norm: f64,
+    /// ‖PB − Cᵀ‖, the largest entry.
+    pub input_residual: f64,
+    /// ‖A_eᵀP + PA_e + WᵀW + εP‖, the largest entry.
+    pub lyapunov_residual: f64,
+}
+
+/// A Lur'e pair of the error dynamics `A_e = A − LC`, or why there is none.
+///
+/// PB = Cᵀ has a solution P ≻ 0 iff CB is symmetric positive definite; then every one is, in the coordinates
+/// (y, w) = (Cx, Nᵀx) with NᵀB = 0, `P = diag((CB)⁻¹, X)` with X ≻ 0. Q ≻ 0 iff Q₁₁ ≻ 0 and, by the Schur complement,
+///
+/// ```text
+/// FᵀX + XF + XRX + G ≺ 0,   R = A₂₁ Q₁₁⁻¹ A₂₁ᵀ,  F = A₂₂ + A₂₁ Q₁₁⁻¹ S A₁₂,  G = A₁₂ᵀ S Q₁₁⁻¹ S A₁₂,  S = (CB)⁻¹
+/// ```
+///
+/// which has a solution iff the Riccati equation with + ηI has one for some η > 0. Of these the one with the least
+/// ‖PL‖/λ_min(Q), hence the least E₀, is taken from a scan of η. With C = I, A = 0, B = M⁻¹ this is P = M, Q = PL + LᵀP.
+///
+/// # Errors
+/// A sentence about the condition that fails.
+pub(crate) fn lure_pair(
+    a_e: &DMatrix<f64>,
+    b: &DMatrix<f64>,
+    c: &DMatrix<f64>,
+    l: &DMatrix<f64>,
+) -> Result<LurePair, String> {
+    let (n, m) = (a_e.nrows(), b.ncols());
+    let cb = c * b;
+    let asymmetry = (&cb - cb.transpose()).amax();
+    if asymmetry > 1e-9 * cb.amax() || cb.clone().cholesky().is_none() {
+        return Err("CB is not symmetric positive definite, so that no P ≻ 0 has PB = Cᵀ".into());
+    }
+    let s = cb.try_inverse().expect("positive definite");
+    let s = 0.5 * (&s + s.transpose());
+    let null = complement(&reachable_subspace(&DMatrix::zeros(n, n), b));
+    let mut t = DMatrix::zeros(n, n);
+    t.rows_mut(0, m).copy_from(c);
+    t.rows_mut(m, n - m).copy_from(&null.transpose());
+    let inverse = t.clone().try_inverse().ok_or("C and the null space of Bᵀ are not complementary")?;
+    let dynamics = &t * a_e * inverse;
+    let block = |i: usize, j: usize| {
+        let (rows, columns) = ([m, n - m][i], [m, n - m][j]);
+        dynamics.view(([0, m][i], [0, m][j]), (rows, columns)).into_owned()
+    };
+    let q11 = -(block(0, 0).transpose() * &s + &s * block(0, 0));
+    let Some(q11) = q11.cholesky() else {
+        return Err(
+            "the output error does not decay by itself: −(A₁₁ᵀ(CB)⁻¹ + (CB)⁻¹A₁₁) is not positive definite; \
+                    raise L along B"
+                .into(),
+        );
+    };
+    let with_x = |x: &DMatrix<f64>| {
+        let mut diagonal = DMatrix::zeros(n, n);
+        diagonal.view_mut((0, 0), (m, m)).copy_from(&s);
+        diagonal.view_mut((m, m), (n - m, n - m)).copy_from(x);
+        let p = t.transpose() * diagonal * &t;
+        finish(a_e, b, c, l, 0.5 * (&p + p.transpose()))
+    };
+    if n == m {
+        return with_x(&DMatrix::zeros(0, 0)).ok_or_else(|| "A_eᵀP + PA_e is not negative definite".into());
+    }
+    let s_a12 = &s * block(0, 1);
+    let r = block(1, 0) * q11.solve(&block(1, 0).transpose());
+    let f = block(1, 1) + block(1, 0) * q11.solve(&s_a12);
+    let g = s_a12.transpose() * q11.solve(&s_a12);
+    let size = 1.0 + spectral_norm(&g);
+    (-24..=12)
+        .filter_map(|exponent| {
+            let eta = size * 10.0_f64.powf(f64::from(exponent) / 4.0);
+            let x = riccati(&f, &r, &(&g + eta * DMatrix::identity(n - m, n - m)))?;
+            with_x(&x)
+        })
+        .min_by(|a, b| (a.pl_norm / a.lambda_min).total_cmp(&(b.pl_norm / b.lambda_min)))
+        .ok_or_else(|| {
+            "the error dynamics are not strictly positive real from B to C: no P ≻ 0 satisfies both equations"
+                .into()
+        })
+}
+
+fn finish(
+    a_e: &DMatrix<f64>,
+    b: &DMatrix<f64>,
+    c: &DMatrix<f64>,
+    l: &DMatrix<f64>,
+    p: DMatrix<f64>,
+) -> Option<LurePair> {
+    let q = -(a_e.transpose() * &p + &p * a_e);
+    let q = 0.5 * (&q + q.transpose());
+    let lambda_min = q.clone().symmetric_eigenvalues().min();
+    if p.clone().symmetric_eigenvalues().min() <= 0.0 || lambda_min <= 1e-12 * q.amax() {
+        return None;
+    }
+    // Half of the largest ε with Q − εP ⪰ 0, which is 1/λ_max(Q⁻¹P).
+    let factor = q.clone().cholesky()?.l();
+    let whitened = factor.solve_lower_triangular(&p)?;
+    let whitened = factor.solve_lower_triangular(&whitened.transpose())?;
+    let epsilon = 0.5 / whitened.symmetric_eigenvalues().max();
+    let w = (&q - epsilon * &p).cholesky()?.l().transpose();
+    Some(LurePair {
+        lambda_min,
+        pl_norm: spectral_norm(&(&p * l)),
+        p_norm: spectral_norm(&p),
+        input_residual: (&p * b - c.transpose()).amax(),
+        lyapunov_residual: (a_e.transpose() * &p + &p * a_e + w.transpose() * &w + epsilon * &p).amax(),
+        p,
+        w,
+        epsilon,
+    })
+}
+
+/// The solution X of FᵀX + XF + XRX + G = 0 for which F + RX is Hurwitz, if it exists and is positive definite: from
+/// the matrix sign of the Hamiltonian [[F, R], [−G, −Fᵀ]] (Roberts 1980).
+fn riccati(f: &DMatrix<f64>, r: &DMatrix<f64>, g: &DMatrix<f64>) -> Option<DMatrix<f64>> {
+    let n = f.nrows();
+    let mut sign = DMatrix::zeros(2 * n, 2 * n);
+    sign.view_mut((0, 0), (n, n)).copy_from(f);
+    sign.view_mut((0, n), (n, n)).copy_from(r);
+    sign.view_mut((n, 0), (n, n)).copy_from(&-g);
+    sign.view_mut((n, n), (n, n)).copy_from(&-f.transpose());
+    let mut settled = false;
+    for _ in 0..100 {
+        let inverse = sign.clone().try_inverse()?;
+        let scale = (inverse.norm() / sign.norm()).sqrt();
+        let next = 0.5 * (scale * &sign + inverse / scale);
+        let change = (&next - &sign).norm();
+        sign = next;
+        if settled {
+            break;
+        }
+        settled = change <= 1e-10 * sign.norm();
+    }
+    if !settled {
+        return None;
+    }
+    let mut left = DMatrix::zeros(2 * n, n);
+    let mut right = DMatrix::zeros(2 * n, n);
+    let identity = DMatrix::<f64>::identity(n, n);
+    left.rows_mut(0, n).copy_from(&sign.view((0, n), (n, n)));
+    left.rows_mut(n, n).copy_from(&(sign.view((n, n), (n, n)) + &identity));
+    right.rows_mut(0, n).copy_from(&-(sign.view((0, 0), (n, n)) + &identity));
+    right.rows_mut(n, n).copy_from(&-sign.view((n, 0), (n, n)));
+    let x = left.svd(true, true).solve(&right, 1e-12).ok()?;
+    let x = 0.5 * (&x + x.transpose());
+    x.clone().cholesky().map(|_| x)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn matrix(rows: usize, entries: &[f64]) -> DMatrix<f64> {
+        DMatrix::from_row_slice(rows, entries.len() / rows, entries)
+    }
+
+    #[test]
+    fn the_subspaces_of_a_double_integrator() {
+        let (a, b) = (matrix(2, &[0.0, 1.0, 0.0, 0.0]), matrix(2, &[0.0, 0.25]));
+        assert_eq!(reachable_subspace(&a, &b).ncols(), 2);
+        for (c, unobservable) in [([1.0, 0.0], 0), ([0.0, 1.0], 1)] {
+            let observable = reachable_subspace(&a.transpose(), &matrix(2, &c));
+            let rest = complement(&observable);
+            assert_eq!(rest.ncols(), unobservable);
+            if unobservable == 1 {
+                assert_eq!(rest[(0, 0)].abs(), 1.0, "position");
+            }
+        }
+    }
+
+    /// A channel of the rigid body: P = M and Q = PL + LᵀP.
+    #[test]
+    fn the_closed_form_of_a_channel() {
+        let mass = matrix(3, &[4.0, 0.5, 0.0, 0.5, 3.0, 0.2, 0.0, 0.2, 5.0]);
+        let identity = DMatrix::<f64>::identity(3, 3);
+        let gain = 10.0 * &identity;
+        let pair = lure_pair(&-&gain, &mass.clone().try_inverse().unwrap(), &identity, &gain).unwrap();
+        assert!((&pair.p - &mass).amax() < 1e-12);
+        let masses = mass.symmetric_eigenvalues();
+        assert!((pair.lambda_min - 20.0 * masses.min()).abs() < 1e-10);
+        assert!((pair.pl_norm - 10.0 * masses.max()).abs() < 1e-10);
+        assert!(pair.input_residual < 1e-12 && pair.lyapunov_residual < 1e-11);
+    }
+
+    /// (s + a)/((s + b)(s + c)) is strictly positive real iff a < b + c; C (sI − A_e)⁻¹ B in controller form.
+    #[test]
+    fn a_pair_exists_just_where_the_transfer_function_is_strictly_positive_real() {
+        let (b_pole, c_pole) = (2.0, 3.0);
+        let no_gain = matrix(2, &[0.0, 0.0]);
+        for (zero, positive_real) in
+            [(0.1, true), (1.0, true), (4.0, true), (4.9, true), (5.1, false), (20.0, false), (-0.1, false)]
+        {
+            let a_e = matrix(2, &[0.0, 1.0, -b_pole * c_pole, -(b_pole + c_pole)]);
+            let (b, c) = (matrix(2, &[0.0, 1.0]), matrix(1, &[zero, 1.0]));
+            let found = lure_pair(&a_e, &b, &c, &no_gain);
+            assert_eq!(found.is_ok(), positive_real, "zero at −{zero}: {found:?}");
+            if let Ok(pair) = found {
+                let size = pair.p.amax();
+                assert!(pair.p.clone().cholesky().is_some() && pair.lambda_min > 0.0);
+                assert!(
+                    pair.input_residual < 1e-9 * size && pair.lyapunov_residual < 1e-9 * size,
+                    "{pair:?}"
+                );
+            }
+        }
+    }
+
+    #[test]
+    fn without_relative_degree_one_there_is_no_pair() {
+        let a_e = matrix(2, &[0.0, 1.0, -6.0, -5.0]);
+        let found =
+            lure_pair(&a_e, &matrix(2, &[0.0, 1.0]), &matrix(1, &[1.0, 0.0]), &matrix(2, &[0.0, 0.0]));
+        assert!(found.unwrap_err().contains("CB"));
+    }
+}
