@@ -820,7 +820,7 @@ fn key_of(table: &str, parameter: Parameter) -> &'static str {
         Parameter::Kernel => "kernel",
         Parameter::Hold | Parameter::CoastStep => "sample_rate_hz",
         Parameter::Fix => pick("position_fix_gain_per_s", "attitude_fix_gain_per_s"),
-        Parameter::Channels => "",
+        Parameter::Channels | Parameter::Plant | Parameter::InitialState => "",
     }
 }
 

@@ -78,6 +78,19 @@ impl Certificate {
         }
     }
 
+    /// Of a plant without a Lur'e pair: nothing is claimed, every bound is +∞.
+    pub(crate) fn none(dead_zone: &DeadZone) -> Self {
+        Self {
+            lambda_min: 0.0,
+            pl_norm: f64::INFINITY,
+            output_norm: 1.0,
+            disturbance_norm: 0.0,
+            bounds: DisturbanceBounds { noise: 1.0, unmatched: 0.0, residual_norm: 0.0 },
+            dead_zone_width: dead_zone.width(),
+            sup_power_function: 0.0,
+        }
+    }
+
     /// `‖PL‖ δ̄ + ‖PG‖ ξ̄`.
     fn disturbance(&self) -> f64 {
         self.pl_norm * self.bounds.noise + self.disturbance_norm * self.bounds.unmatched

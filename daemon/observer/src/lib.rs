@@ -61,6 +61,7 @@ mod channel;
 mod dead_zone;
 mod kernel;
 mod law;
+mod linear;
 mod linear_algebra;
 mod native_function;
 mod native_space;
@@ -76,6 +77,9 @@ pub use channel::{Channel, ChannelDesign, DisturbanceBounds, Integrator, Segment
 pub use dead_zone::{DeadZone, DeadZoneShape};
 pub use kernel::{Kernel, RadialFunction};
 pub use law::{Law, Learning};
+pub use linear::{
+    LinearDesign, LinearEstimate, LinearObserver, LinearOutput, LinearState, MAX_OUTPUTS, MAX_STATES,
+};
 pub use linear_algebra::LurePair;
 pub use native_function::NativeFunction;
 pub use native_space::{LengthScale, NativeSpace, ScaledKernel};
@@ -120,6 +124,10 @@ pub enum Parameter {
     Fix,
     /// Neither a translation nor a rotation was asked for.
     Channels,
+    /// A, B or C of a linear plant.
+    Plant,
+    /// x̂(0) of a linear plant.
+    InitialState,
 }
 
 /// Why a design cannot be used: what was found, and what would be accepted.

@@ -2,7 +2,7 @@
 //!
 //! Set-up only: everything here allocates.
 
-use nalgebra::{Complex, DMatrix, DVector};
+use nalgebra::{Complex, DMatrix, DVector, Schur};
 
 /// A direction shorter than this part of what it came from lies in the span already.
 const RANK_TOLERANCE: f64 = 1e-9;
@@ -44,11 +44,21 @@ pub(crate) fn complement(basis: &DMatrix<f64>) -> DMatrix<f64> {
     reachable_subspace(&DMatrix::zeros(n, n), &outside.map(|x| if x.abs() < 1e-12 { 0.0 } else { x }))
 }
 
-/// The eigenvalues of a square matrix.
+/// The eigenvalues of a square matrix of finite numbers.
+///
+/// nalgebra's default runs until subdiagonals fall below one rounding error of their neighbours, which
+/// repeated eigenvalues never do; a few rounding errors are as right, and are reached.
 pub(crate) fn eigenvalues(matrix: &DMatrix<f64>) -> Vec<Complex<f64>> {
-    match matrix.nrows() {
-        0 => Vec::new(),
-        _ => matrix.complex_eigenvalues().iter().copied().collect(),
+    if matrix.is_empty() {
+        return Vec::new();
+    }
+    let schur = [16.0, 256.0, 65_536.0]
+        .into_iter()
+        .find_map(|roundings| Schur::try_new(matrix.clone(), roundings * f64::EPSILON, 10_000));
+    match schur {
+        Some(schur) => schur.complex_eigenvalues().iter().copied().collect(),
+        // Not known is not stable.
+        None => vec![Complex::new(f64::NAN, f64::NAN)],
     }
 }
 

@@ -1,0 +1,641 @@
+//! A general linear plant with the law: `x' = A x + B (u + f(y)) + ξ`, `y = C x + δ`.
+//!
+//! ```text
+//! x̂' = A x̂ + L ỹ + B (u + f̂_N(y)),    θ' = σ(‖ỹ‖) φ(y) (Γ_f ỹ)ᵀ,    ỹ = y − C x̂
+//! ```
+//!
+//! sampled as the rigid body's channels are, update first, then predict, exact for held inputs:
+//!
+//! ```text
+//! x̂_{j+1} = x̂_j + ∫₀^h e^{A_e s} ds · (A_e x̂_j + L y + B (u + f̂)),    A_e = A − LC
+//! ```
+//!
+//! which is e^{A_e h} x̂_j + ∫₀^h e^{A_e s} ds (L y + B (u + f̂)); while coasting, A stands for A_e and L for 0.
+//!
+//! | symbol | name | shape |
+//! |---|---|---|
+//! | x, x̂ | `state` | n ≤ 12 |
+//! | u, y, f̂ | `input`, `output`, `matched_input` | m ≤ 6 |
+//! | A, B, C, L | `a`, `b`, `c`, `gain` | n×n, n×m, m×n, n×m |
+//!
+//! # Source
+//! Niu et al., eqs. (plant dynamics), (state estimator), (final learning laws).
+
+use crate::certificate::Certificate;
+use crate::channel::{DisturbanceBounds, positive, positive_definite};
+use crate::law::Law;
+use crate::linear_algebra::{
+    LurePair, complement, eigenvalues, lure_pair, reachable_subspace, spectral_norm,
+};
+use crate::stability::StepLimit;
+use crate::timeline::{ChannelReport, Moment, Plant, Timeline};
+use crate::{Centers, DeadZone, DesignError, Kernel, LengthScale, NativeSpace, Parameter};
+use nalgebra::{DMatrix, DVector, SMatrix, SVector};
+
+/// The largest n.
+pub const MAX_STATES: usize = 12;
+/// The largest m.
+pub const MAX_OUTPUTS: usize = 6;
+
+/// x̂, its first n entries; the others are 0.
+pub type LinearState = SVector<f64, MAX_STATES>;
+/// u, y or f̂, the first m entries; the others are 0.
+pub type LinearOutput = SVector<f64, MAX_OUTPUTS>;
+
+/// Everything that the observer of a linear plant is made of.
+#[derive(Debug, Clone, PartialEq)]
+pub struct LinearDesign {
+    /// A, n×n.
+    pub a: DMatrix<f64>,
+    /// B, n×m.
+    pub b: DMatrix<f64>,
+    /// C, m×n.
+    pub c: DMatrix<f64>,
+    /// L, n×m.
+    pub gain: DMatrix<f64>,
+    /// κ.
+    pub kernel: Kernel,
+    /// ℓ > 0, in the output's unit.
+    pub length_scale: LengthScale,
+    /// Ξ_N, points of ℝ^m.
+    pub centers: Centers,
+    /// Added to the Gram matrix's diagonal, as a multiple of κ(0); ≥ 0.
+    pub nugget: f64,
+    /// Γ_f, m×m, symmetric positive definite.
+    pub adaptation_rate: DMatrix<f64>,
+    /// σ.
+    pub dead_zone: DeadZone,
+    /// What is known of the disturbances; ξ̄ bounds a rate of the state.
+    pub bounds: DisturbanceBounds,
+    /// An output is held for at most this long (s).
+    pub hold_s: f64,
+    /// Step of coasting (s).
+    pub coast_step_s: f64,
+    /// x̂(0); `None` takes the least x̂ with C x̂ = y at the first output.
+    pub initial_state: Option<DVector<f64>>,
+}
+
+/// The part of a plant that its outputs tell of: in coordinates x_o = Oᵀx, with O an orthonormal basis of the
+/// observable subspace. What is unobservable does not act on it.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct ObservablePart {
+    pub(crate) a: DMatrix<f64>,
+    pub(crate) b: DMatrix<f64>,
+    pub(crate) c: DMatrix<f64>,
+    pub(crate) gain: DMatrix<f64>,
+}
+
+impl ObservablePart {
+    pub(crate) fn error_dynamics(&self) -> DMatrix<f64> {
+        &self.a - &self.gain * &self.c
+    }
+
+    pub(crate) fn lure_pair(&self) -> Result<LurePair, String> {
+        lure_pair(&self.error_dynamics(), &self.b, &self.c, &self.gain)
+    }
+}
+
+impl LinearDesign {
+    /// n.
+    pub fn n_states(&self) -> usize {
+        self.a.nrows()
+    }
+
+    /// m.
+    pub fn n_outputs(&self) -> usize {
+        self.c.nrows()
+    }
+
+    /// A_e = A − LC.
+    pub fn error_dynamics(&self) -> DMatrix<f64> {
+        &self.a - &self.gain * &self.c
+    }
+
+    /// An orthonormal basis of the unobservable subspace of (A, C), n×(n−r).
+    pub fn unobservable_subspace(&self) -> DMatrix<f64> {
+        complement(&reachable_subspace(&self.a.transpose(), &self.c.transpose()))
+    }
+
+    pub(crate) fn observable_part(&self) -> ObservablePart {
+        let basis = reachable_subspace(&self.a.transpose(), &self.c.transpose());
+        // All of it: keep the plant's own coordinates.
+        let basis = match basis.ncols() == self.n_states() {
+            true => DMatrix::identity(self.n_states(), self.n_states()),
+            false => basis,
+        };
+        let transposed = basis.transpose();
+        ObservablePart {
+            a: &transposed * &self.a * &basis,
+            b: &transposed * &self.b,
+            c: &self.c * &basis,
+            gain: &transposed * &self.gain,
+        }
+    }
+
+    fn check(&self) -> Result<(), DesignError> {
+        let (n, m) = (self.a.nrows(), self.b.ncols());
+        let refuse =
+            |parameter, found: String, needed: String| Err(DesignError::new(parameter, found, needed));
+        if !(1..=MAX_STATES).contains(&n) || self.a.ncols() != n {
+            let found = format!("A of {}×{}", n, self.a.ncols());
+            return refuse(Parameter::Plant, found, format!("a square A with 1 to {MAX_STATES} states"));
+        }
+        if !(1..=MAX_OUTPUTS.min(n)).contains(&m) {
+            let needed = format!("1 to {} inputs, as many as outputs", MAX_OUTPUTS.min(n));
+            return refuse(Parameter::Plant, format!("B with {m} columns"), needed);
+        }
+        for (parameter, name, matrix, rows, columns) in [
+            (Parameter::Plant, "B", &self.b, n, m),
+            (Parameter::Plant, "C", &self.c, m, n),
+            (Parameter::Gain, "L", &self.gain, n, m),
+            (Parameter::AdaptationRate, "Γ_f", &self.adaptation_rate, m, m),
+        ] {
+            if matrix.shape() != (rows, columns) {
+                let found = format!("{name} of {}×{}", matrix.nrows(), matrix.ncols());
+                return refuse(parameter, found, format!("{rows}×{columns}, as A is {n}×{n} and B {n}×{m}"));
+            }
+        }
+        for (parameter, name, matrix) in [
+            (Parameter::Plant, "A", &self.a),
+            (Parameter::Plant, "B", &self.b),
+            (Parameter::Plant, "C", &self.c),
+            (Parameter::Gain, "L", &self.gain),
+        ] {
+            if matrix.iter().any(|entry| !entry.is_finite()) {
+                return refuse(
+                    parameter,
+                    format!("{name} with an entry that is not finite"),
+                    "finite numbers".into(),
+                );
+            }
+        }
+        if self.centers.dimension() != m {
+            let found = format!("centers with {} coordinates", self.centers.dimension());
+            return refuse(Parameter::Centers, found, format!("{m}, one per output"));
+        }
+        if let Some(initial) = &self.initial_state
+            && (initial.len() != n || initial.iter().any(|x| !x.is_finite()))
+        {
+            return refuse(
+                Parameter::InitialState,
+                format!("{:?}", initial.as_slice()),
+                format!("{n} finite numbers"),
+            );
+        }
+        positive(Parameter::Hold, self.hold_s)?;
+        positive(Parameter::CoastStep, self.coast_step_s)?;
+        self.bounds.check()?;
+        positive_definite(Parameter::AdaptationRate, &self.adaptation_rate)
+    }
+}
+
+/// The adaptive observer of a linear plant. Samples go in with their stamps; estimates come out for any instant
+/// not before the newest sample. The same samples give the same bits, whoever asks and whenever.
+#[derive(Debug, Clone)]
+pub struct LinearObserver {
+    timeline: Timeline<LinearPlant, MAX_OUTPUTS>,
+}
+
+/// State, learned input and trust at one instant.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct LinearEstimate {
+    /// Time of the state (ns).
+    pub stamp_ns: u64,
+    /// x̂.
+    pub state: LinearState,
+    /// f̂.
+    pub matched_input: LinearOutput,
+    /// How far it can be trusted.
+    pub report: ChannelReport,
+}
+
+impl LinearObserver {
+    /// Checks the design and builds the observer. Everything is allocated here.
+    ///
+    /// # Errors
+    /// `Plant`, `Gain`, `AdaptationRate`, … where a shape or a number is wrong; `Gain` where the observable part of
+    /// A − LC is not Hurwitz; `AdaptationRate` beyond the sampled-data bound; `Centers` as [`NativeSpace::new`].
+    pub fn new(design: &LinearDesign) -> Result<Self, DesignError> {
+        design.check()?;
+        let part = design.observable_part();
+        let slowest =
+            eigenvalues(&part.error_dynamics()).iter().map(|p| p.re).fold(f64::NEG_INFINITY, f64::max);
+        if slowest.is_nan() || slowest >= 0.0 {
+            return Err(DesignError::new(
+                Parameter::Gain,
+                format!("A − LC with a pole at {slowest:.3e} 1/s on the observable subspace"),
+                "a gain L that moves all of these poles to the left half plane",
+            ));
+        }
+        let space =
+            NativeSpace::new(design.kernel, &design.length_scale, design.centers.clone(), design.nugget)?;
+        let largest_gain_s = largest_gain_of_every_step(design);
+        let factor = largest_gain_s / (design.hold_s * space.value_at_zero());
+        if factor <= 1.0 {
+            let largest = design.adaptation_rate.clone().symmetric_eigenvalues().max();
+            let needed = match factor > 0.0 {
+                true => format!("an adaptation rate below {:.4}, or a shorter hold", largest * factor),
+                false => {
+                    "a plant and gain that are strictly positive real from B to C: with these no adaptation \
+                          rate is stable"
+                        .into()
+                }
+            };
+            return Err(DesignError::new(
+                Parameter::AdaptationRate,
+                format!("{largest} is unstable when an output is held for {} s", design.hold_s),
+                needed,
+            ));
+        }
+        let certificate = match part.lure_pair() {
+            Ok(pair) => Certificate::new(
+                (pair.lambda_min, pair.pl_norm),
+                (spectral_norm(&part.c), pair.p_norm),
+                design.bounds,
+                &design.dead_zone,
+                &space,
+            ),
+            Err(_) => Certificate::none(&design.dead_zone),
+        };
+        let law = Law::new(
+            space,
+            design.dead_zone,
+            padded(&design.adaptation_rate),
+            StepLimit::OfEveryStep { largest_gain_s },
+        );
+        let plant = LinearPlant::new(design);
+        let initial = plant.initial_state.unwrap_or_default();
+        let steps_s = (design.hold_s, design.coast_step_s);
+        Ok(Self { timeline: Timeline::new(law, plant, certificate, steps_s, initial) })
+    }
+
+    /// Takes what was measured and commanded at `stamp_ns`, later than the sample before. All values are finite:
+    /// the caller checks.
+    ///
+    /// # Cost
+    /// One evaluation of the features with a new output; no allocation.
+    pub fn accept(&mut self, stamp_ns: u64, output: Option<LinearOutput>, input: Option<LinearOutput>) {
+        self.timeline.accept(stamp_ns, output, input, |_| {});
+    }
+
+    /// The estimate at `stamp_ns`, or at the newest sample where that is later. No allocation.
+    pub fn estimate(&mut self, stamp_ns: u64) -> LinearEstimate {
+        let at = self.timeline.predict(stamp_ns);
+        LinearEstimate {
+            stamp_ns,
+            state: at.moment.state,
+            matched_input: at.matched_force,
+            report: self.timeline.report(&at, stamp_ns),
+        }
+    }
+
+    /// Stops or resumes learning from the next outputs on; what was learned stays in use.
+    pub fn set_frozen(&mut self, frozen: bool) {
+        self.timeline.law.set_frozen(frozen);
+    }
+
+    /// Forgets everything; starts again from the next sample.
+    pub fn reset(&mut self) {
+        self.timeline.restart();
+        self.timeline.law.forget();
+    }
+
+    /// Forgets the state, not what was learned.
+    pub fn restart(&mut self) {
+        self.timeline.restart();
+    }
+
+    /// Keeps a copy of state and weights. Call it while they are known to be good.
+    pub fn keep_good_copy(&mut self) {
+        self.timeline.keep_good_copy();
+    }
+
+    /// Puts state and weights back to the last good copy.
+    pub fn restore_good_copy(&mut self) {
+        self.timeline.restore_good_copy();
+    }
+
+    /// The law, its space and weights.
+    pub fn law(&self) -> &Law<MAX_OUTPUTS> {
+        &self.timeline.law
+    }
+
+    /// What the theorems claim.
+    pub fn certificate(&self) -> &Certificate {
+        &self.timeline.certificate
+    }
+}
+
+type StateMatrix = SMatrix<f64, MAX_STATES, MAX_STATES>;
+
+/// A smaller matrix in the upper left corner of a fixed one.
+fn padded<const R: usize, const C: usize>(matrix: &DMatrix<f64>) -> SMatrix<f64, R, C> {
+    SMatrix::from_fn(|i, j| matrix.get((i, j)).copied().unwrap_or(0.0))
+}
+
+/// `x̂' = A x̂ + L (y − C x̂) + B F` in arrays of fixed size, so that steps allocate nothing.
+#[derive(Debug, Clone)]
+struct LinearPlant {
+    a: StateMatrix,
+    a_e: StateMatrix,
+    b: SMatrix<f64, MAX_STATES, MAX_OUTPUTS>,
+    c: SMatrix<f64, MAX_OUTPUTS, MAX_STATES>,
+    gain: SMatrix<f64, MAX_STATES, MAX_OUTPUTS>,
+    /// Cᵀ(CCᵀ)⁺.
+    c_pseudo_inverse: SMatrix<f64, MAX_STATES, MAX_OUTPUTS>,
+    initial_state: Option<LinearState>,
+    holding: HeldIntegral,
+    coasting: HeldIntegral,
+}
+
+/// ∫₀^h e^{Ms} ds of the step before: most steps are as long as the one before.
+#[derive(Debug, Clone, Copy)]
+struct HeldIntegral {
+    h_s: f64,
+    integral: StateMatrix,
+}
+
+impl HeldIntegral {
+    fn of(&mut self, m: &StateMatrix, h_s: f64) -> &StateMatrix {
+        if self.h_s != h_s {
+            *self = Self { h_s, integral: held_integral(m, h_s) };
+        }
+        &self.integral
+    }
+}
+
+/// `∫₀^h e^{Ms} ds = h Σ_k (Mh)^k / (k+1)!`, by the series on h/2^q with ‖M‖h/2^q ≤ 1/4 and `Ψ(2h) = Ψ(h) (2I + MΨ(h))`.
+fn held_integral(m: &StateMatrix, h_s: f64) -> StateMatrix {
+    let norm = m.column_iter().map(|column| column.lp_norm(1)).fold(0.0, f64::max);
+    let doublings = (4.0 * norm * h_s).max(1.0).log2().ceil() as i32;
+    let step_s = h_s / 2.0_f64.powi(doublings);
+    let scaled = m * step_s;
+    let mut term = StateMatrix::identity();
+    let mut sum = term;
+    // The first term left out is below (1/4)^13/14! of the sum.
+    for k in 1..=12 {
+        term = scaled * term / (k + 1) as f64;
+        sum += term;
+    }
+    let mut integral = sum * step_s;
+    for _ in 0..doublings {
+        integral = integral * (StateMatrix::identity() * 2.0 + m * integral);
+    }
+    integral
+}
+
+impl LinearPlant {
+    fn new(design: &LinearDesign) -> Self {
+        let pseudo_inverse = design.c.clone().pseudo_inverse(1e-12).expect("the tolerance is not negative");
+        let never = HeldIntegral { h_s: 0.0, integral: StateMatrix::zeros() };
+        Self {
+            a: padded(&design.a),
+            a_e: padded(&design.error_dynamics()),
+            b: padded(&design.b),
+            c: padded(&design.c),
+            gain: padded(&design.gain),
+            c_pseudo_inverse: padded(&pseudo_inverse),
+            initial_state: design
+                .initial_state
+                .as_ref()
+                .map(|x| LinearState::from_fn(|i, _| x.get(i).copied().unwrap_or(0.0))),
+            holding: never,
+            coasting: never,
+        }
+    }
+}
+
+impl Plant<MAX_OUTPUTS> for LinearPlant {
+    type State = LinearState;
+
+    fn output(&self, state: &LinearState) -> LinearOutput {
+        self.c * state
+    }
+
+    fn start(&self, waiting: &LinearState, output: &LinearOutput) -> LinearState {
+        if self.initial_state.is_some() { *waiting } else { self.c_pseudo_inverse * output }
+    }
+
+    fn follow(
+        &mut self,
+        at: &Moment<LinearState>,
+        output: &LinearOutput,
+        force: &LinearOutput,
+        h_s: f64,
+    ) -> LinearState {
+        let slope = self.a_e * at.state + self.gain * output + self.b * force;
+        at.state + self.holding.of(&self.a_e, h_s) * slope
+    }
+
+    fn coast(&mut self, at: &Moment<LinearState>, force: &LinearOutput, h_s: f64) -> LinearState {
+        let slope = self.a * at.state + self.b * force;
+        at.state + self.coasting.of(&self.a, h_s) * slope
+    }
+}
+
+/// The largest h σ φᵀφ that keeps the sampled law stable for every step up to the longest hold; 0 where none does.
+///
+/// With the output frozen at y, the errors e of the state and F of the matched input follow, on the observable part,
+///
+/// ```text
+/// F⁺ = F − s Γ_f C e,    e⁺ = e^{A_e h} e + ∫₀^h e^{A_e τ} dτ B F⁺,    s = h σ φᵀφ
+/// ```
+///
+/// The bound is where the spectral radius of this map first exceeds 1; it has no closed form here.
+fn largest_gain_of_every_step(design: &LinearDesign) -> f64 {
+    const STEPS: usize = 12;
+    (1..=STEPS)
+        .map(|i| largest_gain(design, design.hold_s * i as f64 / STEPS as f64))
+        .fold(f64::INFINITY, f64::min)
+}
+
+fn largest_gain(design: &LinearDesign, h_s: f64) -> f64 {
+    let part = design.observable_part();
+    let (n, m) = part.b.shape();
+    let a_e = part.error_dynamics();
+    let integral = held_integral(&padded(&a_e), h_s).view((0, 0), (n, n)).into_owned();
+    let integral = DMatrix::from_fn(n, n, |i, j| integral[(i, j)]);
+    let transition = DMatrix::identity(n, n) + &a_e * &integral;
+    let to_state = &integral * &part.b;
+    let learning = &design.adaptation_rate * &part.c;
+    let is_stable = |s: f64| {
+        let mut map = DMatrix::identity(n + m, n + m);
+        map.view_mut((n, 0), (m, n)).copy_from(&(-s * &learning));
+        map.view_mut((0, n), (n, m)).copy_from(&to_state);
+        map.view_mut((0, 0), (n, n)).copy_from(&(&transition - s * &to_state * &learning));
+        eigenvalues(&map).iter().all(|eigenvalue| eigenvalue.norm() <= 1.0 + 1e-11)
+    };
+    // Where s ‖∫e^{A_e τ}B‖ ‖Γ_f C‖ is 1, learning acts within a step; the bound is of that order.
+    let unit = 1.0 / (spectral_norm(&to_state) * spectral_norm(&learning)).max(f64::MIN_POSITIVE);
+    let mut stable = 0.0;
+    for exponent in -40..=24 {
+        let s = unit * 10.0_f64.powf(f64::from(exponent) / 8.0);
+        if !is_stable(s) {
+            if stable == 0.0 {
+                break;
+            }
+            let (mut inside, mut outside) = (stable, s);
+            for _ in 0..60 {
+                let middle = 0.5 * (inside + outside);
+                if is_stable(middle) { inside = middle } else { outside = middle }
+            }
+            return inside;
+        }
+        stable = s;
+    }
+    stable
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::DeadZoneShape;
+
+    fn matrix(rows: usize, entries: &[f64]) -> DMatrix<f64> {
+        DMatrix::from_row_slice(rows, entries.len() / rows, entries)
+    }
+
+    /// A mass on a spring whose sensor mixes position and velocity, so that the transfer function
+    /// (s + 2)/(s² + …) is strictly positive real: x = (r, v), m = 2.
+    pub(crate) fn oscillator() -> LinearDesign {
+        LinearDesign {
+            a: matrix(2, &[0.0, 1.0, -3.0, -0.2]),
+            b: matrix(2, &[0.0, 0.5]),
+            c: matrix(1, &[2.0, 1.0]),
+            gain: matrix(2, &[1.0, 8.0]),
+            kernel: Kernel::SobolevMatern { dimension: 1, order: 2 },
+            length_scale: LengthScale::Isotropic(1.0),
+            centers: Centers::lattice([-3.0], [3.0], [13]).unwrap(),
+            nugget: 0.0,
+            adaptation_rate: matrix(1, &[50.0]),
+            dead_zone: DeadZone::new(DeadZoneShape::Saturated, 1e-4, 1e-4).unwrap(),
+            bounds: DisturbanceBounds::default(),
+            hold_s: 0.0075,
+            coast_step_s: 0.005,
+            initial_state: Some(DVector::from_vec(vec![0.5, 0.0])),
+        }
+    }
+
+    /// Against nalgebra's matrix exponential of [[M, I], [0, 0]], whose upper right block is the integral.
+    #[test]
+    fn the_held_integral_is_that_of_the_matrix_exponential() {
+        let small = matrix(3, &[-2.0, 1.0, 0.5, 3.0, -40.0, 2.0, 0.0, 7.0, 1.0]);
+        for h in [1e-6, 0.005, 0.3, 1.5] {
+            let mut block = DMatrix::zeros(6, 6);
+            block.view_mut((0, 0), (3, 3)).copy_from(&(&small * h));
+            block.view_mut((0, 3), (3, 3)).copy_from(&(DMatrix::<f64>::identity(3, 3) * h));
+            let expected = block.exp();
+            let found = held_integral(&padded(&small), h);
+            for i in 0..3 {
+                for j in 0..3 {
+                    let size = expected.view((0, 3), (3, 3)).amax();
+                    assert!((found[(i, j)] - expected[(i, 3 + j)]).abs() < 1e-13 * size, "h {h}");
+                }
+            }
+        }
+    }
+
+    /// The oscillator driven by u, with the unknown force −0.8 y |y|, by RK4 with small steps.
+    fn run(
+        observer: &mut LinearObserver,
+        n: u64,
+        measured: impl Fn(u64) -> bool,
+    ) -> (LinearEstimate, DVector<f64>, f64) {
+        let design = oscillator();
+        let (h, substeps) = (0.005, 10);
+        let force = |y: f64| -0.8 * y * y.abs();
+        let mut x = DVector::from_vec(vec![0.5, 0.0]);
+        for j in 0..n {
+            let u = 4.0 * (0.9 * j as f64 * h).sin() + 2.0 * (2.3 * j as f64 * h).cos();
+            let y = (&design.c * &x)[0];
+            let output = measured(j).then(|| LinearOutput::from_fn(|i, _| if i == 0 { y } else { 0.0 }));
+            let input = LinearOutput::from_fn(|i, _| if i == 0 { u } else { 0.0 });
+            observer.accept(j * 5_000_000, output, Some(input));
+            let slope = |x: &DVector<f64>| &design.a * x + &design.b * (u + force((&design.c * x)[0]));
+            let dt = h / f64::from(substeps);
+            for _ in 0..substeps {
+                let k1 = slope(&x);
+                let k2 = slope(&(&x + 0.5 * dt * &k1));
+                let k3 = slope(&(&x + 0.5 * dt * &k2));
+                let k4 = slope(&(&x + dt * &k3));
+                x += dt / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4);
+            }
+        }
+        let y = (&design.c * &x)[0];
+        (observer.estimate(n * 5_000_000), x, force(y))
+    }
+
+    #[test]
+    fn the_force_on_an_oscillator_is_learned_and_carries_it_through_an_outage() {
+        let coast_error = |frozen: bool| {
+            let mut observer = LinearObserver::new(&oscillator()).unwrap();
+            observer.set_frozen(frozen);
+            // A minute of measurements, then half a second without.
+            let (estimate, truth, _) = run(&mut observer, 12_100, |j| j < 12_000);
+            assert!(estimate.report.coasting);
+            (estimate.state.fixed_rows::<2>(0) - truth.fixed_rows::<2>(0)).norm()
+        };
+        let (with, without) = (coast_error(false), coast_error(true));
+        assert!(with < 0.2 * without, "{with} with, {without} without learning");
+
+        let mut observer = LinearObserver::new(&oscillator()).unwrap();
+        let (estimate, truth, force) = run(&mut observer, 12_000, |_| true);
+        assert!((estimate.state[0] - truth[0]).abs() < 5e-3 && (estimate.state[1] - truth[1]).abs() < 2e-2);
+        assert!((estimate.matched_input[0] - force).abs() < 0.1, "{} {force}", estimate.matched_input[0]);
+        assert!(estimate.state.iter().skip(2).all(|&x| x == 0.0));
+    }
+
+    /// The clamp and the refusal rest on the spectral radius of the frozen-output map; for a plant that is a
+    /// channel of the rigid body the closed form says the same.
+    #[test]
+    fn the_bound_of_a_channel_is_the_closed_form() {
+        let (mass, gain, rate, h) = (4.0, 10.0, 100.0, 0.0075);
+        let identity = DMatrix::<f64>::identity(3, 3);
+        let design = LinearDesign {
+            a: DMatrix::zeros(3, 3),
+            b: &identity / mass,
+            c: identity.clone(),
+            gain: gain * &identity,
+            adaptation_rate: rate * &identity,
+            centers: Centers::lattice([-1.0; 3], [1.0; 3], [2; 3]).unwrap(),
+            hold_s: h,
+            initial_state: None,
+            ..oscillator()
+        };
+        for h in [h, 0.1, 1.0] {
+            let closed = crate::stability::largest_learning_rate(gain, h) * h * mass / rate;
+            assert!((largest_gain(&design, h) / closed - 1.0).abs() < 1e-6, "h {h}");
+        }
+    }
+
+    #[test]
+    fn designs_that_cannot_work_are_refused_by_name() {
+        type Change = fn(&mut LinearDesign);
+        let cases: [(Parameter, Change); 9] = [
+            (Parameter::Plant, |d| d.a = matrix(1, &[0.0, 1.0])),
+            (Parameter::Plant, |d| d.b = matrix(2, &[0.0, 1.0, 1.0, 0.0])),
+            (Parameter::Plant, |d| d.c = matrix(2, &[0.0, 1.0, 1.0, 0.0])),
+            (Parameter::Plant, |d| d.a[(0, 0)] = f64::NAN),
+            (Parameter::Gain, |d| d.gain = matrix(2, &[-9.0, -9.0])),
+            (Parameter::AdaptationRate, |d| d.adaptation_rate[(0, 0)] = 1e9),
+            (Parameter::AdaptationRate, |d| d.adaptation_rate[(0, 0)] = -1.0),
+            (Parameter::Centers, |d| d.centers = Centers::lattice([0.0; 2], [1.0; 2], [2; 2]).unwrap()),
+            (Parameter::InitialState, |d| d.initial_state = Some(DVector::zeros(3))),
+        ];
+        for (parameter, change) in cases {
+            let mut design = oscillator();
+            change(&mut design);
+            assert_eq!(LinearObserver::new(&design).unwrap_err().parameter, parameter);
+        }
+    }
+
+    /// Learning through an output of the wrong sign is unstable however slowly it is done.
+    #[test]
+    fn a_plant_that_is_not_positive_real_has_no_stable_rate() {
+        let mut design = oscillator();
+        design.b = -design.b;
+        let error = LinearObserver::new(&design).unwrap_err();
+        assert_eq!(error.parameter, Parameter::AdaptationRate);
+        assert!(error.needed.contains("positive real"), "{error}");
+    }
+}
