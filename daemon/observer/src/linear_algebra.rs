@@ -62,6 +62,12 @@ pub(crate) fn eigenvalues(matrix: &DMatrix<f64>) -> Vec<Complex<f64>> {
     }
 }
 
+/// The largest real part of the eigenvalues: negative where the matrix is Hurwitz; +∞ where they are not known.
+pub(crate) fn spectral_abscissa(matrix: &DMatrix<f64>) -> f64 {
+    let real_part = |pole: &Complex<f64>| if pole.re.is_nan() { f64::INFINITY } else { pole.re };
+    eigenvalues(matrix).iter().map(real_part).fold(f64::NEG_INFINITY, f64::max)
+}
+
 /// ‖M‖₂, the largest singular value.
 pub(crate) fn spectral_norm(matrix: &DMatrix<f64>) -> f64 {
     if matrix.is_empty() { 0.0 } else { matrix.singular_values().max() }
