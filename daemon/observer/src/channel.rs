@@ -122,18 +122,7 @@ impl Channel {
     /// positive, an inertia or adaptation rate that is not symmetric positive definite, centers without a
     /// positive definite Gram matrix, or an adaptation rate beyond the sampled-data bound.
     pub fn new(design: &ChannelDesign) -> Result<Self, DesignError> {
-        positive(Parameter::Gain, design.gain_per_s)?;
-        positive(Parameter::Hold, design.hold_s)?;
-        positive(Parameter::CoastStep, design.coast_step_s)?;
-        design.bounds.check()?;
-        positive_definite(Parameter::Inertia, &dynamic(&design.inertia))?;
-        positive_definite(Parameter::AdaptationRate, &dynamic(&design.adaptation_rate))?;
-        if design.centers.dimension() != 3 {
-            let found = format!("centers with {} coordinates", design.centers.dimension());
-            return Err(DesignError::new(Parameter::Centers, found, "three, one per output"));
-        }
-        let space =
-            NativeSpace::new(design.kernel, &design.length_scale, design.centers.clone(), design.nugget)?;
+        let space = design.space()?;
         let factor = design.largest_rate_factor(&space);
         if factor <= 1.0 {
             let largest = design.adaptation_rate.symmetric_eigenvalues().max();
@@ -179,6 +168,21 @@ impl Channel {
 }
 
 impl ChannelDesign {
+    /// Checks every range and builds the native space; whether the rate is stable is another question.
+    pub(crate) fn space(&self) -> Result<NativeSpace, DesignError> {
+        positive(Parameter::Gain, self.gain_per_s)?;
+        positive(Parameter::Hold, self.hold_s)?;
+        positive(Parameter::CoastStep, self.coast_step_s)?;
+        self.bounds.check()?;
+        positive_definite(Parameter::Inertia, &dynamic(&self.inertia))?;
+        positive_definite(Parameter::AdaptationRate, &dynamic(&self.adaptation_rate))?;
+        if self.centers.dimension() != 3 {
+            let found = format!("centers with {} coordinates", self.centers.dimension());
+            return Err(DesignError::new(Parameter::Centers, found, "three, one per output"));
+        }
+        NativeSpace::new(self.kernel, &self.length_scale, self.centers.clone(), self.nugget)
+    }
+
     /// λ_max(M⁻¹ Γ_f): what the fastest direction learns per unit of φᵀφ and σ (1/s²).
     fn fastest_learning(&self) -> f64 {
         // It is that of F⁻¹ Γ F⁻ᵀ with M = F Fᵀ, which is symmetric.

@@ -59,6 +59,7 @@ mod centers;
 mod certificate;
 mod channel;
 mod dead_zone;
+mod design_report;
 mod kernel;
 mod law;
 mod linear;
@@ -75,6 +76,7 @@ pub use centers::Centers;
 pub use certificate::Certificate;
 pub use channel::{Channel, ChannelDesign, DisturbanceBounds, Integrator, Segment};
 pub use dead_zone::{DeadZone, DeadZoneShape};
+pub use design_report::{DesignReport, Finding, LengthScaleEffect, Verdict, length_scale_effect};
 pub use kernel::{Kernel, RadialFunction};
 pub use law::{Law, Learning};
 pub use linear::{

@@ -132,6 +132,12 @@ impl LinearDesign {
         }
     }
 
+    /// Checks every shape and range and builds the native space; whether it is stable is another question.
+    pub(crate) fn space(&self) -> Result<NativeSpace, DesignError> {
+        self.check()?;
+        NativeSpace::new(self.kernel, &self.length_scale, self.centers.clone(), self.nugget)
+    }
+
     fn check(&self) -> Result<(), DesignError> {
         let (n, m) = (self.a.nrows(), self.b.ncols());
         let refuse =
@@ -216,7 +222,7 @@ impl LinearObserver {
     /// `Plant`, `Gain`, `AdaptationRate`, … where a shape or a number is wrong; `Gain` where the observable part of
     /// A − LC is not Hurwitz; `AdaptationRate` beyond the sampled-data bound; `Centers` as [`NativeSpace::new`].
     pub fn new(design: &LinearDesign) -> Result<Self, DesignError> {
-        design.check()?;
+        let space = design.space()?;
         let part = design.observable_part();
         let slowest = spectral_abscissa(&part.error_dynamics());
         if slowest >= 0.0 {
@@ -226,8 +232,6 @@ impl LinearObserver {
                 "a gain L that moves all of these poles to the left half plane",
             ));
         }
-        let space =
-            NativeSpace::new(design.kernel, &design.length_scale, design.centers.clone(), design.nugget)?;
         let largest_gain_s = largest_gain_of_every_step(design);
         let factor = largest_gain_s / (design.hold_s * space.value_at_zero());
         if factor <= 1.0 {
@@ -441,7 +445,7 @@ impl Plant<MAX_OUTPUTS> for LinearPlant {
 /// ```
 ///
 /// The bound is where the spectral radius of this map first exceeds 1; it has no closed form here.
-fn largest_gain_of_every_step(design: &LinearDesign) -> f64 {
+pub(crate) fn largest_gain_of_every_step(design: &LinearDesign) -> f64 {
     const STEPS: usize = 12;
     (1..=STEPS)
         .map(|i| largest_gain(design, design.hold_s * i as f64 / STEPS as f64))

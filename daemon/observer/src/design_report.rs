@@ -1,0 +1,564 @@
+//! What is proven for a design: every condition of the theorems, computed (Niu et al., §III, §IV).
+//!
+//! | condition | what it is for |
+//! |---|---|
+//! | (A, B) controllable, (A, C) observable | assumed of the plant |
+//! | A_e = A − LC Hurwitz | the estimate follows the output |
+//! | `A_eᵀP + PA_e = −WᵀW − εP`, `PB = Cᵀ` (Lur'e) | the learning law takes energy out of the error |
+//! | E₀, d_N (see [`Certificate`]) | the size that the error settles below |
+//! | d > d_N | Theorem 2 |
+//! | `h σ φᵀφ` below its bound (see [`crate::stability`]) | the sampled law is stable; ours, the paper is continuous |
+//!
+//! What is unobservable has no place in the theorems: they are about the observable part, and the rest is
+//! integrated from it. For a body whose velocity is measured that is the position.
+
+use crate::linear::largest_gain_of_every_step;
+use crate::linear_algebra::{
+    LurePair, complement, eigenvalues, reachable_subspace, spectral_abscissa, spectral_norm,
+};
+use crate::{
+    Centers, Certificate, ChannelDesign, DeadZoneShape, DesignError, Kernel, LengthScale, LinearDesign,
+    NativeSpace, RotationDesign, Supremum, TranslationDesign,
+};
+use nalgebra::{Complex, DMatrix, Matrix3};
+
+/// Whether a condition is met.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Verdict {
+    /// It is.
+    Holds,
+    /// It is not.
+    Fails,
+    /// It says nothing about this design.
+    NotApplicable,
+}
+
+/// One line of a report.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Finding {
+    /// The condition.
+    pub condition: String,
+    /// Whether it is met.
+    pub verdict: Verdict,
+    /// The numbers, and what they mean.
+    pub detail: String,
+}
+
+/// What is proven for one channel.
+#[derive(Debug, Clone)]
+pub struct DesignReport {
+    /// The names of the n states.
+    pub states: Vec<String>,
+    /// (A, B).
+    pub controllable: bool,
+    /// (A, C), C with the fixes that are used.
+    pub observable: bool,
+    /// The unobservable subspace in words; empty where there is none.
+    pub unobservable: Vec<String>,
+    /// The eigenvalues of A_e, of all states (1/s).
+    pub poles: Vec<Complex<f64>>,
+    /// Whether all of them lie in the left half plane.
+    pub hurwitz: bool,
+    /// Whether those of the observable part of the law's plant do.
+    pub observable_hurwitz: bool,
+    /// The Lur'e pair of the observable part, or why there is none.
+    pub lure: Result<LurePair, String>,
+    /// E₀ and d_N.
+    pub certificate: Certificate,
+    /// N.
+    pub n_centers: usize,
+    /// κ(0).
+    pub value_at_zero: f64,
+    /// sup P_N over the box of the centers.
+    pub sup_power_function: Supremum,
+    /// The fill distance of the centers in their box (length scales).
+    pub fill_distance: Supremum,
+    /// The separation distance of the centers (length scales); `None` for a single one.
+    pub separation: Option<f64>,
+    /// cond(K).
+    pub gram_condition: f64,
+    /// Bytes that every step reads.
+    pub bytes: usize,
+    /// The largest eigenvalue of Γ_f.
+    pub adaptation_rate: f64,
+    /// What that may be at most with an output held for `hold_s` (exclusive), for σ = 1.
+    pub largest_stable_adaptation_rate: f64,
+    /// The longest that an output is held (s).
+    pub hold_s: f64,
+    /// Whether σ has a continuous derivative.
+    pub dead_zone_is_smooth: bool,
+}
+
+/// The plant whose observability and poles are reported; the law's own plant may be a part of it.
+struct WholePlant {
+    states: Vec<String>,
+    a: DMatrix<f64>,
+    b: DMatrix<f64>,
+    /// All that is measured.
+    measured: DMatrix<f64>,
+    error_dynamics: DMatrix<f64>,
+}
+
+impl DesignReport {
+    /// Of a body's translation: x = (r, v). The law's plant is the velocity; a position fix that is used makes the
+    /// position observable.
+    ///
+    /// # Errors
+    /// A parameter out of range, as [`crate::Channel::new`]; an unstable adaptation rate is a finding, not an error.
+    pub fn of_translation(design: &TranslationDesign) -> Result<Self, DesignError> {
+        let identity = Matrix3::identity();
+        let fix = design.position_fix_gain_per_s;
+        let velocity = block([[Matrix3::zeros(), identity]]);
+        let plant = WholePlant {
+            states: axes("position").chain(axes("velocity")).collect(),
+            a: block([[Matrix3::zeros(), identity], [Matrix3::zeros(), Matrix3::zeros()]]),
+            b: block([[Matrix3::zeros()], [inverse(&design.channel)]]),
+            measured: match fix > 0.0 {
+                true => block([[Matrix3::zeros(), identity], [identity, Matrix3::zeros()]]),
+                false => velocity,
+            },
+            error_dynamics: block([
+                [-fix * identity, (1.0 - design.velocity_error_to_position) * identity],
+                [Matrix3::zeros(), -design.channel.gain_per_s * identity],
+            ]),
+        };
+        Self::of_channel(&design.channel, plant)
+    }
+
+    /// Of a body's rotation: x = ω.
+    ///
+    /// # Errors
+    /// As [`DesignReport::of_translation`].
+    pub fn of_rotation(design: &RotationDesign) -> Result<Self, DesignError> {
+        let identity = Matrix3::identity();
+        let plant = WholePlant {
+            states: axes("angular velocity").collect(),
+            a: DMatrix::zeros(3, 3),
+            b: block([[inverse(&design.channel)]]),
+            measured: block([[identity]]),
+            error_dynamics: block([[-design.channel.gain_per_s * identity]]),
+        };
+        Self::of_channel(&design.channel, plant)
+    }
+
+    fn of_channel(channel: &ChannelDesign, plant: WholePlant) -> Result<Self, DesignError> {
+        let space = channel.space()?;
+        let law = LinearDesign {
+            a: DMatrix::zeros(3, 3),
+            b: block([[inverse(channel)]]),
+            c: DMatrix::identity(3, 3),
+            gain: DMatrix::identity(3, 3) * channel.gain_per_s,
+            kernel: channel.kernel,
+            length_scale: channel.length_scale.clone(),
+            centers: channel.centers.clone(),
+            nugget: channel.nugget,
+            adaptation_rate: block([[channel.adaptation_rate]]),
+            dead_zone: channel.dead_zone,
+            bounds: channel.bounds,
+            hold_s: channel.hold_s,
+            coast_step_s: channel.coast_step_s,
+            initial_state: None,
+        };
+        // ξ is a force here: it enters through B.
+        let through_input = |pair: &LurePair| spectral_norm(&(&pair.p * &law.b));
+        Ok(Self::assemble(&law, &space, plant, channel.largest_rate_factor(&space), through_input))
+    }
+
+    /// Of a general linear plant, with names for its states (x1, x2, … where there are none).
+    ///
+    /// # Errors
+    /// As [`crate::LinearObserver::new`], but neither poles nor adaptation rate have to be stable.
+    pub fn of_linear(design: &LinearDesign, names: Option<&[String]>) -> Result<Self, DesignError> {
+        let space = design.space()?;
+        let n = design.n_states();
+        let states = match names {
+            Some(names) => names.to_vec(),
+            None => (1..=n).map(|i| format!("x{i}")).collect(),
+        };
+        let plant = WholePlant {
+            states,
+            a: design.a.clone(),
+            b: design.b.clone(),
+            measured: design.c.clone(),
+            error_dynamics: design.error_dynamics(),
+        };
+        let factor = largest_gain_of_every_step(design) / (design.hold_s * space.value_at_zero());
+        Ok(Self::assemble(design, &space, plant, factor, |pair| pair.p_norm))
+    }
+
+    fn assemble(
+        law: &LinearDesign,
+        space: &NativeSpace,
+        plant: WholePlant,
+        largest_rate_factor: f64,
+        disturbance_norm: impl Fn(&LurePair) -> f64,
+    ) -> Self {
+        let n = plant.states.len();
+        let observable = reachable_subspace(&plant.a.transpose(), &plant.measured.transpose());
+        let part = law.observable_part();
+        let lure = part.lure_pair();
+        let sup_power_function = space.sup_power_function();
+        let certificate = match &lure {
+            Ok(pair) => Certificate {
+                lambda_min: pair.lambda_min,
+                pl_norm: pair.pl_norm,
+                output_norm: spectral_norm(&part.c),
+                disturbance_norm: disturbance_norm(pair),
+                bounds: law.bounds,
+                dead_zone_width: law.dead_zone.width(),
+                sup_power_function: sup_power_function.value,
+            },
+            Err(_) => Certificate::none(&law.dead_zone),
+        };
+        let adaptation_rate = law.adaptation_rate.clone().symmetric_eigenvalues().max();
+        Self {
+            controllable: reachable_subspace(&plant.a, &plant.b).ncols() == n,
+            observable: observable.ncols() == n,
+            unobservable: in_words(&complement(&observable), &plant.states),
+            poles: eigenvalues(&plant.error_dynamics),
+            hurwitz: spectral_abscissa(&plant.error_dynamics) < 0.0,
+            observable_hurwitz: spectral_abscissa(&part.error_dynamics()) < 0.0,
+            states: plant.states,
+            lure,
+            certificate,
+            n_centers: space.n_centers(),
+            value_at_zero: space.value_at_zero(),
+            sup_power_function,
+            fill_distance: space.fill_distance(),
+            separation: space.separation(),
+            gram_condition: space.gram_condition(),
+            bytes: space.bytes(),
+            adaptation_rate,
+            largest_stable_adaptation_rate: adaptation_rate * largest_rate_factor,
+            hold_s: law.hold_s,
+            dead_zone_is_smooth: law.dead_zone.shape() != DeadZoneShape::Step,
+        }
+    }
+
+    /// Whether the sampled law is stable for σ = 1.
+    pub fn sampled_data_stable(&self) -> bool {
+        self.adaptation_rate < self.largest_stable_adaptation_rate
+    }
+
+    /// √cond(P): V ≤ const is an ellipsoid, so that ‖e‖ may come to this many times E₀ or d_N before V falls.
+    pub fn level_set_factor(&self) -> f64 {
+        match &self.lure {
+            Ok(pair) => {
+                let sizes = pair.p.clone().symmetric_eigenvalues();
+                (sizes.max() / sizes.min()).sqrt()
+            }
+            Err(_) => f64::INFINITY,
+        }
+    }
+
+    /// All conditions, in the order in which they build on each other.
+    pub fn findings(&self) -> Vec<Finding> {
+        let mut findings = Vec::new();
+        let mut find = |condition: &str, holds: Option<bool>, detail: String| {
+            let verdict = match holds {
+                Some(true) => Verdict::Holds,
+                Some(false) => Verdict::Fails,
+                None => Verdict::NotApplicable,
+            };
+            findings.push(Finding { condition: condition.into(), verdict, detail });
+        };
+        let n = self.states.len();
+        find("(A, B) controllable", Some(self.controllable), format!("{n} states"));
+        let hidden = self.unobservable.join(", ");
+        find(
+            "(A, C) observable",
+            Some(self.observable),
+            match self.observable {
+                true => "everything acts on what is measured".into(),
+                false => format!(
+                    "unobservable: {hidden}; it is integrated from its start, its error bounded only through the rest"
+                ),
+            },
+        );
+        let poles = self.poles.iter().map(pole_in_words).collect::<Vec<_>>().join(", ");
+        find("A_e = A − LC Hurwitz", Some(self.hurwitz), format!("poles {poles} 1/s"));
+        if !self.observable {
+            let detail = "what the theorems are about".into();
+            find("A_e Hurwitz on the observable part", Some(self.observable_hurwitz), detail);
+        }
+        find(
+            "error dynamics strictly positive real (Lur'e)",
+            Some(self.lure.is_ok()),
+            match &self.lure {
+                Ok(pair) => format!(
+                    "{}, λ_min(WᵀW + εP) = {:.4}, ‖PL‖ = {:.4}; residuals {:.0e} and {:.0e}",
+                    matrix_in_words("P", &pair.p),
+                    pair.lambda_min,
+                    pair.pl_norm,
+                    pair.input_residual,
+                    pair.lyapunov_residual
+                ),
+                Err(reason) => reason.clone(),
+            },
+        );
+        let certificate = &self.certificate;
+        let claimed = self.lure.is_ok();
+        find("E₀ (Theorem 1)", claimed.then_some(true), format!("E₀ = {:.5}", certificate.e0()));
+        find(
+            "d > d_N (Theorem 2)",
+            claimed.then(|| certificate.is_admissible()),
+            format!(
+                "d = {}, d_N = {:.5} with sup P_N = {:.4} (no point above {:.4}) and r_f = {}",
+                certificate.dead_zone_width,
+                certificate.d_n(),
+                self.sup_power_function.value,
+                self.sup_power_function.upper_bound,
+                certificate.bounds.residual_norm
+            ),
+        );
+        find(
+            "dead zone continuously differentiable",
+            Some(self.dead_zone_is_smooth),
+            if self.dead_zone_is_smooth { "admissible".into() } else { "a step: it may chatter".into() },
+        );
+        find(
+            "sampled law stable",
+            Some(self.sampled_data_stable()),
+            format!(
+                "adaptation rate {:.4}, largest {:.4} for an output held for {} ms",
+                self.adaptation_rate,
+                self.largest_stable_adaptation_rate,
+                1e3 * self.hold_s
+            ),
+        );
+        let noise = certificate.bounds.noise;
+        find(
+            "the proofs cover the measurement error",
+            Some(noise == 0.0),
+            match noise == 0.0 {
+                true => "δ̄ = 0".into(),
+                false => format!(
+                    "δ̄ = {noise:.5}: with it E₀ and d_N are the paper's claim; its proof drops −2σ⟨f̃(y), δ⟩"
+                ),
+            },
+        );
+        findings
+    }
+}
+
+/// What another length scale would do to a space.
+#[derive(Debug, Clone, PartialEq)]
+pub struct LengthScaleEffect {
+    /// Times the length scale of the design.
+    pub factor: f64,
+    /// cond(K); `None` where K is not numerically positive definite.
+    pub gram_condition: Option<f64>,
+    /// sup P_N / √κ(0) over the box of the centers.
+    pub relative_power_function: Option<f64>,
+}
+
+/// cond(K) and sup P_N / √κ(0) for multiples of the length scale: the longer, the better the cover and the worse
+/// the condition.
+pub fn length_scale_effect(
+    kernel: Kernel,
+    length_scale: &LengthScale,
+    centers: &Centers,
+    nugget: f64,
+    factors: &[f64],
+) -> Vec<LengthScaleEffect> {
+    let effect = |&factor: &f64| {
+        let space = NativeSpace::new(kernel, &length_scale.scaled(factor), centers.clone(), nugget).ok();
+        LengthScaleEffect {
+            factor,
+            gram_condition: space.as_ref().map(NativeSpace::gram_condition),
+            relative_power_function: space
+                .as_ref()
+                .map(|space| space.sup_power_function().value / space.value_at_zero().sqrt()),
+        }
+    };
+    factors.iter().map(effect).collect()
+}
+
+fn axes(quantity: &str) -> impl Iterator<Item = String> {
+    ["x", "y", "z"].map(|axis| format!("{quantity} {axis}")).into_iter()
+}
+
+fn inverse(channel: &ChannelDesign) -> Matrix3<f64> {
+    channel.inertia.try_inverse().unwrap_or_else(|| Matrix3::repeat(f64::NAN))
+}
+
+fn block<const R: usize, const C: usize>(blocks: [[Matrix3<f64>; C]; R]) -> DMatrix<f64> {
+    DMatrix::from_fn(3 * R, 3 * C, |i, j| blocks[i / 3][j / 3][(i % 3, j % 3)])
+}
+
+/// A subspace by the states that span it, or by the combinations that they enter.
+fn in_words(basis: &DMatrix<f64>, states: &[String]) -> Vec<String> {
+    let share = |i: usize| basis.row(i).norm();
+    let whole: Vec<_> = (0..states.len()).filter(|&i| share(i) > 1.0 - 1e-9).collect();
+    let mixed: Vec<_> = (0..states.len()).filter(|&i| (1e-9..=1.0 - 1e-9).contains(&share(i))).collect();
+    let mut words: Vec<String> = whole.iter().map(|&i| states[i].clone()).collect();
+    // Three axes of one quantity are the quantity.
+    for quantity in ["position", "velocity"] {
+        if axes(quantity).all(|axis| words.contains(&axis)) {
+            words.retain(|word| !axes(quantity).any(|axis| axis == *word));
+            words.push(quantity.into());
+        }
+    }
+    if !mixed.is_empty() {
+        let names: Vec<_> = mixed.iter().map(|&i| states[i].as_str()).collect();
+        words.push(format!("{} combinations of {}", basis.ncols() - whole.len(), names.join(" and ")));
+    }
+    words
+}
+
+fn pole_in_words(pole: &Complex<f64>) -> String {
+    match pole.im == 0.0 {
+        true => format!("{:.4}", pole.re),
+        false => format!("{:.4}{:+.4}i", pole.re, pole.im),
+    }
+}
+
+/// `P = 4 I`, `P = diag(…)`, or its rows.
+fn matrix_in_words(name: &str, matrix: &DMatrix<f64>) -> String {
+    let tolerance = 1e-9 * matrix.amax();
+    let number = |x: f64| format!("{}", (x * 1e6).round() / 1e6);
+    let diagonal = matrix.diagonal();
+    let is_diagonal = (matrix - DMatrix::from_diagonal(&diagonal)).amax() <= tolerance;
+    if is_diagonal && diagonal.iter().all(|x| (x - diagonal[0]).abs() <= tolerance) {
+        return format!("{name} = {} I", number(diagonal[0]));
+    }
+    let list = |entries: Vec<f64>| entries.into_iter().map(number).collect::<Vec<_>>().join(", ");
+    if is_diagonal {
+        return format!("{name} = diag({})", list(diagonal.iter().copied().collect()));
+    }
+    let rows: Vec<_> = matrix.row_iter().map(|row| list(row.iter().copied().collect())).collect();
+    format!("{name} = [{}]", rows.join("; "))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{DeadZone, DisturbanceBounds, GyroscopicTorque};
+
+    fn paper(inertia: Matrix3<f64>, box_half: f64, zone: (DeadZoneShape, f64), noise: f64) -> ChannelDesign {
+        ChannelDesign {
+            kernel: Kernel::SobolevMatern { dimension: 3, order: 3 },
+            length_scale: LengthScale::Isotropic(1.0),
+            centers: Centers::lattice([-box_half; 3], [box_half; 3], [3; 3]).unwrap(),
+            nugget: 0.0,
+            inertia,
+            gain_per_s: 10.0,
+            adaptation_rate: Matrix3::identity(),
+            dead_zone: DeadZone::new(zone.0, zone.1, 0.01).unwrap(),
+            bounds: DisturbanceBounds { noise, ..DisturbanceBounds::default() },
+            hold_s: 0.0075,
+            coast_step_s: 0.005,
+        }
+    }
+
+    fn translation() -> TranslationDesign {
+        let noise = 0.008 * 6.0_f64.sqrt();
+        TranslationDesign {
+            channel: paper(Matrix3::identity() * 4.0, 1.0, (DeadZoneShape::Quadratic, 0.01), noise),
+            known_force_n: nalgebra::Vector3::zeros(),
+            velocity_error_to_position: 0.0,
+            position_fix_gain_per_s: 0.0,
+            position_fix_hold_s: 0.0,
+        }
+    }
+
+    fn verdict(report: &DesignReport, condition: &str) -> Verdict {
+        let findings = report.findings();
+        findings.iter().find(|f| f.condition.starts_with(condition)).unwrap().verdict
+    }
+
+    /// By hand: P = 4I, Q = 2λP = 80 I, ‖PL‖ = 40, E₀ = 2 δ̄ 40/80 = δ̄.
+    #[test]
+    fn the_papers_translation_has_the_numbers_of_a_hand_calculation() {
+        let report = DesignReport::of_translation(&translation()).unwrap();
+        assert!(report.controllable && !report.observable && !report.hurwitz && report.observable_hurwitz);
+        assert_eq!(report.unobservable, ["position"]);
+        let pair = report.lure.as_ref().unwrap();
+        assert!((&pair.p - DMatrix::identity(3, 3) * 4.0).amax() < 1e-12);
+        assert!((pair.lambda_min - 80.0).abs() < 1e-10 && (pair.pl_norm - 40.0).abs() < 1e-10);
+        assert!((report.certificate.e0() - 0.0195959).abs() < 1e-7);
+        assert!((report.certificate.d_n() - 0.0195959).abs() < 1e-7);
+        assert!((report.sup_power_function.value - 0.443_724_775_3).abs() < 1e-8);
+        assert!((report.gram_condition - 291.69).abs() < 0.02);
+        assert!((report.value_at_zero - 2.467_401_1).abs() < 1e-7);
+        assert_eq!(verdict(&report, "d > d_N"), Verdict::Fails);
+        assert_eq!(verdict(&report, "(A, C)"), Verdict::Fails);
+        assert_eq!(verdict(&report, "sampled law"), Verdict::Holds);
+        assert_eq!(report.level_set_factor(), 1.0);
+    }
+
+    /// P = I, hence E₀ = 2 δ̄ λ 15 / (2 λ 0.2) = 75 δ̄.
+    #[test]
+    fn the_papers_rotation_has_an_unequal_inertia() {
+        let noise = 0.05 * 3.0_f64.sqrt();
+        let inertia = Matrix3::from_diagonal(&nalgebra::Vector3::new(0.2, 15.0, 15.0));
+        let report = DesignReport::of_rotation(&RotationDesign {
+            channel: paper(inertia, 0.1, (DeadZoneShape::Quadratic, 0.1), noise),
+            gyroscopic_torque: GyroscopicTorque::Learned,
+            attitude_fix_gain_per_s: 0.0,
+            attitude_fix_hold_s: 0.0,
+        })
+        .unwrap();
+        assert!(report.observable && report.hurwitz && report.unobservable.is_empty());
+        assert!((report.certificate.e0() - 75.0 * noise).abs() < 1e-9);
+        assert_eq!(verdict(&report, "d > d_N"), Verdict::Fails);
+        assert!((report.level_set_factor() - 75.0_f64.sqrt()).abs() < 1e-9);
+    }
+
+    #[test]
+    fn a_position_fix_makes_the_position_observable() {
+        let mut design = translation();
+        design.position_fix_gain_per_s = 0.5;
+        let report = DesignReport::of_translation(&design).unwrap();
+        assert!(report.observable && report.hurwitz);
+        assert!(report.poles.iter().filter(|pole| (pole.re + 0.5).abs() < 1e-9).count() == 3);
+    }
+
+    /// d_N = 2 (0.4437 · 3 + 40 δ̄ + 5)/80 with r_f = 3 and ξ̄ = 5.
+    #[test]
+    fn every_bound_adds_its_part() {
+        let mut design = translation();
+        design.channel.bounds.unmatched = 5.0;
+        design.channel.bounds.residual_norm = 3.0;
+        let report = DesignReport::of_translation(&design).unwrap();
+        let noise = design.channel.bounds.noise;
+        assert!((report.certificate.e0() - 2.0 * (40.0 * noise + 5.0) / 80.0).abs() < 1e-12);
+        let expected = 2.0 * (0.443_724_775_3 * 3.0 + 40.0 * noise + 5.0) / 80.0;
+        assert!((report.certificate.d_n() - expected).abs() < 1e-8);
+    }
+
+    #[test]
+    fn an_unstable_rate_is_a_finding() {
+        let mut design = translation();
+        design.channel.adaptation_rate *= 1e7;
+        let report = DesignReport::of_translation(&design).unwrap();
+        assert!(!report.sampled_data_stable());
+        assert_eq!(verdict(&report, "sampled law"), Verdict::Fails);
+    }
+
+    #[test]
+    fn a_subspace_is_named_by_its_states_or_their_combinations() {
+        let states: Vec<String> = axes("position").chain(axes("velocity")).collect();
+        let mut basis = DMatrix::zeros(6, 2);
+        basis[(0, 0)] = 1.0;
+        (basis[(1, 1)], basis[(4, 1)]) = (0.6, 0.8);
+        let words = in_words(&basis, &states);
+        assert_eq!(words, ["position x", "1 combinations of position y and velocity y"]);
+    }
+
+    #[test]
+    fn a_longer_length_scale_covers_better_and_conditions_worse() {
+        let channel = translation().channel;
+        let effects = length_scale_effect(
+            channel.kernel,
+            &channel.length_scale,
+            &channel.centers,
+            0.0,
+            &[0.5, 1.0, 2.0],
+        );
+        for pair in effects.windows(2) {
+            assert!(pair[0].gram_condition < pair[1].gram_condition);
+            assert!(pair[0].relative_power_function > pair[1].relative_power_function);
+        }
+    }
+}
