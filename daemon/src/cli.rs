@@ -178,7 +178,7 @@ fn run(design: &DesignArguments, place: &PlaceArguments) -> anyhow::Result<()> {
 
 fn config(design: &DesignArguments) -> anyhow::Result<()> {
     let file = design.read()?;
-    file.observer()?;
+    file.estimator()?;
     outln!("{}", file.commented_toml().trim_end());
     Ok(())
 }

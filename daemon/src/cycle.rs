@@ -6,9 +6,10 @@
 //! on CLOCK_MONOTONIC; a late tick is counted and skipped over, never made up.
 
 use crate::config::{Clock, Config, InputConfig, Trigger};
+use crate::estimator::{Estimator, VehicleEstimate};
 use crate::gate::{Accepted, Gate};
 use crate::ports::LoopPorts;
-use observer::{ChannelReport, RigidBodyEstimate, RigidBodyObserver};
+use observer::ChannelReport;
 use shared_types::clock::{monotonic_ns, sleep_until_ns};
 use shared_types::payload::{Channel, Estimate, status_bits};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -92,7 +93,7 @@ pub struct LoopRings {
 /// The loop's state.
 pub struct Cycle {
     ports: LoopPorts,
-    observer: RigidBodyObserver,
+    observer: Estimator,
     gate: Gate,
     rings: LoopRings,
     limits: InputConfig,
@@ -116,7 +117,7 @@ pub struct WakeUp {
 
 impl Cycle {
     /// A cycle that has seen nothing.
-    pub fn new(config: &Config, observer: RigidBodyObserver, ports: LoopPorts, rings: LoopRings) -> Self {
+    pub fn new(config: &Config, observer: Estimator, ports: LoopPorts, rings: LoopRings) -> Self {
         Self {
             ports,
             observer,
@@ -178,11 +179,11 @@ impl Cycle {
         for _ in 0..MOST_SAMPLES_PER_TICK {
             let Some((measurement, source)) = self.ports.take() else { break };
             match self.gate.judge(&measurement, source, wake_ns) {
-                Ok(Accepted { sample, lost, new_source, new_time }) => {
+                Ok(Accepted { sample, linear, lost, new_source, new_time }) => {
                     if new_time {
                         self.observer.restart();
                     }
-                    self.observer.accept(&sample);
+                    self.observer.accept(&sample, &linear);
                     self.counters.samples_accepted += 1;
                     // A forged sequence may claim any gap.
                     self.counters.samples_lost = self.counters.samples_lost.saturating_add(lost);
@@ -245,35 +246,41 @@ impl Cycle {
 
     /// The estimate, and whether the state was beyond its limits: then first the channel's last good copy is
     /// tried, and if that is no better, everything starts again.
-    fn guarded_estimate(&mut self, stamp_ns: u64) -> (RigidBodyEstimate, bool) {
+    fn guarded_estimate(&mut self, stamp_ns: u64) -> (VehicleEstimate, bool) {
         let state = self.observer.estimate(stamp_ns);
-        let (translation, rotation) = within_limits(&state, &self.limits);
-        if translation && rotation {
+        let within = Within::of(&state, &self.limits);
+        if within.all() {
             return (state, false);
         }
-        if !translation {
-            self.observer.restore_translation();
+        if let Some(body) = &mut self.observer.rigid_body {
+            if !within.translation {
+                body.restore_translation();
+            }
+            if !within.rotation {
+                body.restore_rotation();
+            }
         }
-        if !rotation {
-            self.observer.restore_rotation();
+        if let Some(linear) = self.observer.linear.as_mut().filter(|_| !within.linear) {
+            linear.restore_good_copy();
         }
         let restored = self.observer.estimate(stamp_ns);
-        if within_limits(&restored, &self.limits) == (true, true) {
+        if Within::of(&restored, &self.limits).all() {
             return (restored, true);
         }
         self.observer.reset();
         (self.observer.estimate(stamp_ns), true)
     }
 
-    fn status_of(&self, state: &RigidBodyEstimate, age_ns: Option<u64>) -> u64 {
-        let any = |test: fn(&ChannelReport) -> bool| {
-            state.translation.as_ref().is_some_and(test) || state.rotation.as_ref().is_some_and(test)
-        };
-        let coasting = |channel: &Option<ChannelReport>| channel.is_some_and(|channel| channel.coasting);
+    fn status_of(&self, state: &VehicleEstimate, age_ns: Option<u64>) -> u64 {
+        let any = |test: fn(&ChannelReport) -> bool| state.reports().any(test);
+        let coasting = |channel: Option<ChannelReport>| channel.is_some_and(|channel| channel.coasting);
         let bit = |set: bool, bit: u64| if set { bit } else { 0 };
+        let body = state.rigid_body.as_ref();
+        let linear = state.linear.map(|linear| linear.report);
         bit(!any(|channel| channel.coasting), status_bits::TRACKING)
-            | bit(coasting(&state.translation), status_bits::COASTING_TRANSLATION)
-            | bit(coasting(&state.rotation), status_bits::COASTING_ROTATION)
+            | bit(coasting(body.and_then(|body| body.translation)), status_bits::COASTING_TRANSLATION)
+            | bit(coasting(body.and_then(|body| body.rotation)), status_bits::COASTING_ROTATION)
+            | bit(coasting(linear), status_bits::COASTING_LINEAR)
             | bit(age_ns.is_none_or(|age_ns| age_ns > self.stale_after_ns), status_bits::STALE)
             | bit(age_ns.is_none(), status_bits::WAITING)
             | bit(any(|channel| channel.activation > 0.0), status_bits::ADAPTING)
@@ -340,44 +347,69 @@ fn wait_for_deadline(deadline_ns: u64, spin_ns: u64) -> WakeUp {
     }
 }
 
-/// Whether the translation, and the rotation, are finite and plausible.
-fn within_limits(state: &RigidBodyEstimate, limits: &InputConfig) -> (bool, bool) {
-    // A comparison with NaN is false, so what is not finite is not within.
-    let translation = state.velocity_m_s.norm() <= limits.max_speed_m_s
-        && state.position_m.norm() <= limits.max_position_m
-        && state.matched_force_n.norm() <= limits.max_unknown_force_n;
-    let rotation = state.angular_velocity_rad_s.norm() <= limits.max_angular_rate_rad_s
-        && state.attitude.coords.norm().is_finite()
-        && state.matched_torque_n_m.norm() <= limits.max_unknown_torque_n_m;
-    (translation, rotation)
+/// Which channels are finite and plausible.
+struct Within {
+    translation: bool,
+    rotation: bool,
+    linear: bool,
+}
+
+impl Within {
+    fn of(state: &VehicleEstimate, limits: &InputConfig) -> Self {
+        // A comparison with NaN is false, so what is not finite is not within.
+        let translation = state.rigid_body.as_ref().is_none_or(|body| {
+            body.velocity_m_s.norm() <= limits.max_speed_m_s
+                && body.position_m.norm() <= limits.max_position_m
+                && body.matched_force_n.norm() <= limits.max_unknown_force_n
+        });
+        let rotation = state.rigid_body.as_ref().is_none_or(|body| {
+            body.angular_velocity_rad_s.norm() <= limits.max_angular_rate_rad_s
+                && body.attitude.coords.norm().is_finite()
+                && body.matched_torque_n_m.norm() <= limits.max_unknown_torque_n_m
+        });
+        let linear = state.linear.as_ref().is_none_or(|linear| {
+            linear.state.iter().all(|x| x.abs() <= limits.max_state)
+                && linear.matched_input.iter().all(|f| f.abs() <= limits.max_input)
+        });
+        Self { translation, rotation, linear }
+    }
+
+    fn all(&self) -> bool {
+        self.translation && self.rotation && self.linear
+    }
 }
 
 /// The published form of an estimate; sequences, source, status and publication time are the loop's.
-pub fn to_payload(state: &RigidBodyEstimate) -> Estimate {
-    let channel = |report: &Option<ChannelReport>| {
-        report.as_ref().map_or(Channel::default(), |report| Channel {
-            output_error: report.output_error,
-            activation: report.activation,
-            power_function: report.power_function,
-            native_norm: report.native_norm,
-            error_bound: report.error_bound,
-            output_age_s: report.output_age_s,
-        })
+pub fn to_payload(state: &VehicleEstimate) -> Estimate {
+    let channel = |report: &ChannelReport| Channel {
+        output_error: report.output_error,
+        activation: report.activation,
+        power_function: report.power_function,
+        native_norm: report.native_norm,
+        error_bound: report.error_bound,
+        output_age_s: report.output_age_s,
     };
-    let q = state.attitude.coords;
-    Estimate {
-        stamp_ns: state.stamp_ns,
-        position_m: state.position_m.into(),
-        velocity_m_s: state.velocity_m_s.into(),
-        attitude_wxyz: [q.w, q.x, q.y, q.z],
-        euler_rad: state.euler_rad(),
-        angular_velocity_rad_s: state.angular_velocity_rad_s.into(),
-        matched_force_n: state.matched_force_n.into(),
-        matched_torque_n_m: state.matched_torque_n_m.into(),
-        translation: channel(&state.translation),
-        rotation: channel(&state.rotation),
-        ..Estimate::default()
+    let mut estimate = Estimate { attitude_wxyz: [1.0, 0.0, 0.0, 0.0], ..Estimate::default() };
+    if let Some(body) = &state.rigid_body {
+        let q = body.attitude.coords;
+        estimate.stamp_ns = body.stamp_ns;
+        estimate.position_m = body.position_m.into();
+        estimate.velocity_m_s = body.velocity_m_s.into();
+        estimate.attitude_wxyz = [q.w, q.x, q.y, q.z];
+        estimate.euler_rad = body.euler_rad();
+        estimate.angular_velocity_rad_s = body.angular_velocity_rad_s.into();
+        estimate.matched_force_n = body.matched_force_n.into();
+        estimate.matched_torque_n_m = body.matched_torque_n_m.into();
+        estimate.translation = body.translation.as_ref().map(channel).unwrap_or_default();
+        estimate.rotation = body.rotation.as_ref().map(channel).unwrap_or_default();
     }
+    if let Some(linear) = &state.linear {
+        estimate.stamp_ns = linear.stamp_ns;
+        estimate.state = linear.state.into();
+        estimate.matched_input = linear.matched_input.into();
+        estimate.linear = channel(&linear.report);
+    }
+    estimate
 }
 
 #[cfg(test)]

@@ -3,7 +3,7 @@
 
 use crate::config::{InputConfig, SourcePolicy};
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
-use observer::{Sample, Velocity};
+use observer::{LinearOutput, Sample, Velocity};
 use shared_types::Measurement;
 use shared_types::payload::{Rejection, frame, valid};
 
@@ -19,8 +19,10 @@ const QUATERNION_NORM_TOLERANCE: f64 = 1e-3;
 /// A sample to be used.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Accepted {
-    /// For the observer.
+    /// For the observer of the rigid body.
     pub sample: Sample,
+    /// For the observer of a general linear plant.
+    pub linear: LinearSample,
     /// Size of the gap in the source's sequence before it: samples that never arrived.
     pub lost: u64,
     /// Whether it comes from another source than the one before, or from the same one started again.
@@ -28,6 +30,15 @@ pub struct Accepted {
     /// Whether its stamp does not go on from the one before: the state must start again. Only where the
     /// samples are the clock.
     pub new_time: bool,
+}
+
+/// What was measured of a general linear plant and commanded to it.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct LinearSample {
+    /// y.
+    pub output: Option<LinearOutput>,
+    /// u.
+    pub input: Option<LinearOutput>,
 }
 
 /// The source in use and its newest accepted sample.
@@ -133,7 +144,8 @@ impl Gate {
 
     fn check(&self, m: &Measurement, source: u128, now_ns: u64) -> Result<Accepted, Rejection> {
         let sample = sample_of(m, &self.limits)?;
-        let anew = Accepted { sample, lost: 0, new_source: true, new_time: false };
+        let linear = linear_sample_of(m, &self.limits)?;
+        let anew = Accepted { sample, linear, lost: 0, new_source: true, new_time: false };
         if self.check_clock {
             if m.stamp_ns > now_ns.saturating_add(nanoseconds(self.limits.max_future_s)) {
                 return Err(Rejection::FarFuture);
@@ -233,6 +245,19 @@ pub fn sample_of(m: &Measurement, limits: &InputConfig) -> Result<Sample, Reject
         attitude,
         force_n: vector(valid::FORCE, &m.force_n, limits.max_force_n)?,
         torque_n_m: vector(valid::TORQUE, &m.torque_n_m, limits.max_torque_n_m)?,
+    })
+}
+
+fn linear_sample_of(m: &Measurement, limits: &InputConfig) -> Result<LinearSample, Rejection> {
+    let vector = |bit: u32, value: &[f64; 6], limit: f64| match m.has(bit) {
+        false => Ok(None),
+        true if !value.iter().all(|c| c.is_finite()) => Err(Rejection::NotFinite),
+        true if value.iter().any(|c| c.abs() > limit) => Err(Rejection::BeyondLimits),
+        true => Ok(Some(LinearOutput::from(*value))),
+    };
+    Ok(LinearSample {
+        output: vector(valid::OUTPUT, &m.output, limits.max_output)?,
+        input: vector(valid::INPUT, &m.input, limits.max_input)?,
     })
 }
 

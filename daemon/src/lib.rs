@@ -21,6 +21,7 @@ pub mod attendant;
 pub mod cli;
 pub mod config;
 pub mod cycle;
+pub mod estimator;
 pub mod gate;
 pub mod ports;
 
@@ -89,7 +90,7 @@ impl Service {
     /// # Errors
     /// The configuration is refused, the instance is taken, or shared memory cannot be used; nothing runs then.
     pub fn start(config: &ConfigFile, domain: &Domain, instance: &str) -> Result<Self, StartError> {
-        let observer = config.observer()?;
+        let observer = config.estimator()?;
         let config = config.config.clone();
         check_instance_name(instance).map_err(PortsError::from)?;
         let claim = domain.claim_instance(instance)?;

@@ -29,7 +29,7 @@ fn refusal(text: &str) -> String {
         Err(error) => return error.to_string(),
         Ok(file) => file,
     };
-    file.observer().expect_err(text).to_string()
+    file.estimator().expect_err(text).to_string()
 }
 
 #[track_caller]
@@ -138,7 +138,7 @@ fn every_preset_prints_as_commented_toml_that_reads_back_the_same() {
         let read = ConfigFile::parse("printed".into(), text.clone())
             .unwrap_or_else(|error| panic!("{error}\n{text}"));
         assert_eq!(read.config, ConfigFile::preset(name).unwrap().config);
-        read.observer().unwrap();
+        read.estimator().unwrap();
         for line in text.lines().filter(|line| line.contains(" = ")) {
             let above = text.lines().take_while(|other| other != &line).last().unwrap();
             assert!(above.starts_with('#'), "{name}: no comment above: {line}");

@@ -18,7 +18,7 @@ fn a_tick_allocates_only_in_its_slack() {
     let (_commands, commands) = rtrb::RingBuffer::new(8);
     let rings = LoopRings { records, commands };
     let ports = LoopPorts::make(&domain.domain, "vehicle").unwrap();
-    let mut cycle = Cycle::new(&file.config, file.observer().unwrap(), ports, rings);
+    let mut cycle = Cycle::new(&file.config, file.estimator().unwrap(), ports, rings);
     let client = domain.client();
     let sensors = client.measurement_publisher().unwrap();
     let mut estimates = client.estimate_subscriber().unwrap();

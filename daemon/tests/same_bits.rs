@@ -52,13 +52,14 @@ fn the_service_and_the_library_agree_to_the_bit() {
 
     let mut config = ConfigFile::preset("auv").unwrap();
     config.set_rate_hz(800.0);
-    let mut observer = config.observer().unwrap();
+    let mut observer = config.estimator().unwrap();
     let mut gate = Gate::new(InputConfig::default(), true);
     let mut samples = sent.iter().peekable();
     let mut compared = 0;
     for estimate in received.iter().filter(|estimate| estimate.source_stamp_ns > 0) {
         while let Some(sample) = samples.next_if(|sample| sample.sequence <= estimate.source_sequence) {
-            observer.accept(&gate.judge(sample, 1, estimate.stamp_ns).unwrap().sample);
+            let accepted = gate.judge(sample, 1, estimate.stamp_ns).unwrap();
+            observer.accept(&accepted.sample, &accepted.linear);
         }
         let offline = to_payload(&observer.estimate(estimate.stamp_ns));
         let offline = Estimate {

@@ -19,8 +19,12 @@ pub mod valid {
     pub const FORCE: u32 = 1 << 4;
     /// `torque_n_m`: replaces the held command. Until the first one the command is zero.
     pub const TORQUE: u32 = 1 << 5;
+    /// `output` of a general linear plant.
+    pub const OUTPUT: u32 = 1 << 6;
+    /// `input` of a general linear plant: replaces the held one. Until the first one it is zero.
+    pub const INPUT: u32 = 1 << 7;
     /// Every bit that has a meaning.
-    pub const ALL: u32 = (1 << 6) - 1;
+    pub const ALL: u32 = (1 << 8) - 1;
 }
 
 /// Values of [`Measurement::velocity_frame`].
@@ -39,8 +43,10 @@ pub mod status_bits {
     pub const COASTING_TRANSLATION: u64 = 1 << 1;
     /// The rotation channel predicts without an angular-velocity measurement.
     pub const COASTING_ROTATION: u64 = 1 << 2;
-    /// Either channel coasts.
-    pub const COASTING: u64 = COASTING_TRANSLATION | COASTING_ROTATION;
+    /// The general linear plant's channel predicts without an output.
+    pub const COASTING_LINEAR: u64 = 1 << 11;
+    /// Any channel coasts.
+    pub const COASTING: u64 = COASTING_TRANSLATION | COASTING_ROTATION | COASTING_LINEAR;
     /// No sample for longer than `stale_after_s`, or none yet: do not fly on this.
     pub const STALE: u64 = 1 << 3;
     /// A channel's dead zone is open: the unknown force is being learned now.
@@ -58,7 +64,7 @@ pub mod status_bits {
     /// No sample was ever accepted: the estimate is the initial state.
     pub const WAITING: u64 = 1 << 10;
 
-    const WORDS: [(u64, &str); 11] = [
+    const WORDS: [(u64, &str); 12] = [
         (TRACKING, "tracking"),
         (COASTING_TRANSLATION, "coasting-translation"),
         (COASTING_ROTATION, "coasting-rotation"),
@@ -70,6 +76,7 @@ pub mod status_bits {
         (CLAMPED, "clamped"),
         (DIVERGED, "diverged"),
         (WAITING, "waiting"),
+        (COASTING_LINEAR, "coasting-linear"),
     ];
 
     /// The set bits in words, for people.
@@ -81,7 +88,7 @@ pub mod status_bits {
 /// One set of sensor readings and commands, all taken at `stamp_ns`.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, Default, PartialEq, ZeroCopySend, Serialize, Deserialize)]
-#[type_name("observer.Measurement.v1")]
+#[type_name("observer.Measurement.v2")]
 pub struct Measurement {
     /// Counts from 0, one up per sample; a gap counts as loss.
     pub sequence: u64,
@@ -103,6 +110,10 @@ pub struct Measurement {
     pub force_n: [f64; 3],
     /// Commanded torque, body axes (N·m), held until the next one.
     pub torque_n_m: [f64; 3],
+    /// y of a general linear plant, its first m entries, in the units of its configuration.
+    pub output: [f64; 6],
+    /// u of a general linear plant, its first m entries, held until the next one.
+    pub input: [f64; 6],
 }
 
 impl Measurement {
@@ -160,6 +171,26 @@ impl Measurement {
         self
     }
 
+    /// Adds the output of a general linear plant.
+    ///
+    /// # Panics
+    /// With more than 6 numbers.
+    pub fn with_output(mut self, output: &[f64]) -> Self {
+        self.output[..output.len()].copy_from_slice(output);
+        self.valid |= valid::OUTPUT;
+        self
+    }
+
+    /// Adds the commanded input of a general linear plant.
+    ///
+    /// # Panics
+    /// With more than 6 numbers.
+    pub fn with_input(mut self, input: &[f64]) -> Self {
+        self.input[..input.len()].copy_from_slice(input);
+        self.valid |= valid::INPUT;
+        self
+    }
+
     /// Whether all the given bits of [`valid`] are set.
     pub fn has(&self, bits: u32) -> bool {
         self.valid & bits == bits
@@ -168,7 +199,8 @@ impl Measurement {
 
 /// How far one channel's estimate can be trusted.
 ///
-/// Units are those of the channel's output: m/s for translation, rad/s for rotation; forces N or N·m.
+/// Units are those of the channel's output: m/s for translation, rad/s for rotation, of the configuration for a
+/// general linear plant; forces N or N·m.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, Default, PartialEq, ZeroCopySend, Serialize, Deserialize)]
 #[type_name("observer.Channel.v1")]
@@ -181,8 +213,8 @@ pub struct Channel {
     pub power_function: f64,
     /// ‖f̂_N‖ in the native space.
     pub native_norm: f64,
-    /// max(d, E₀): the size that ‖e‖ settles below if the theorems' conditions hold. A bound, not a
-    /// covariance; +∞ while coasting.
+    /// max(d, d_N): the size that the theorems claim ‖e‖ settles below, if their conditions hold (`daemon check`
+    /// tells). A bound, not a covariance; +∞ while coasting.
     pub error_bound: f64,
     /// Time since the stamp of the newest output measurement (s); +∞ before the first.
     pub output_age_s: f64,
@@ -191,7 +223,7 @@ pub struct Channel {
 /// The state estimate at `stamp_ns`, and how far it can be trusted.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, Default, PartialEq, ZeroCopySend, Serialize, Deserialize)]
-#[type_name("observer.Estimate.v1")]
+#[type_name("observer.Estimate.v2")]
 pub struct Estimate {
     /// Counts the service's publications from 0.
     pub sequence: u64,
@@ -223,6 +255,12 @@ pub struct Estimate {
     pub translation: Channel,
     /// Trust in attitude, angular velocity and torque.
     pub rotation: Channel,
+    /// x̂ of a general linear plant, its first n entries, in the units of its configuration.
+    pub state: [f64; 12],
+    /// f̂ of a general linear plant, its first m entries.
+    pub matched_input: [f64; 6],
+    /// Trust in `state` and `matched_input`.
+    pub linear: Channel,
 }
 
 impl Estimate {
@@ -236,7 +274,13 @@ impl Estimate {
             self.matched_force_n,
             self.matched_torque_n_m,
         ];
-        vectors.iter().flatten().chain(&self.attitude_wxyz).all(|component| component.is_finite())
+        let linear = self.state.iter().chain(&self.matched_input);
+        vectors
+            .iter()
+            .flatten()
+            .chain(&self.attitude_wxyz)
+            .chain(linear)
+            .all(|component| component.is_finite())
     }
 }
 
@@ -486,7 +530,7 @@ impl Reply {
 /// The layout is the contract with other languages: checked when this crate is compiled.
 const _: () = {
     use core::mem::{align_of, offset_of, size_of};
-    assert!(size_of::<Measurement>() == 176 && align_of::<Measurement>() == 8);
+    assert!(size_of::<Measurement>() == 272 && align_of::<Measurement>() == 8);
     assert!(offset_of!(Measurement, stamp_ns) == 8);
     assert!(offset_of!(Measurement, valid) == 16);
     assert!(offset_of!(Measurement, velocity_frame) == 20);
@@ -496,9 +540,11 @@ const _: () = {
     assert!(offset_of!(Measurement, attitude_wxyz) == 96);
     assert!(offset_of!(Measurement, force_n) == 128);
     assert!(offset_of!(Measurement, torque_n_m) == 152);
+    assert!(offset_of!(Measurement, output) == 176);
+    assert!(offset_of!(Measurement, input) == 224);
 
     assert!(size_of::<Channel>() == 48);
-    assert!(size_of::<Estimate>() == 320 && align_of::<Estimate>() == 8);
+    assert!(size_of::<Estimate>() == 512 && align_of::<Estimate>() == 8);
     assert!(offset_of!(Estimate, source_sequence) == 8);
     assert!(offset_of!(Estimate, stamp_ns) == 16);
     assert!(offset_of!(Estimate, source_stamp_ns) == 24);
@@ -513,6 +559,9 @@ const _: () = {
     assert!(offset_of!(Estimate, matched_torque_n_m) == 200);
     assert!(offset_of!(Estimate, translation) == 224);
     assert!(offset_of!(Estimate, rotation) == 272);
+    assert!(offset_of!(Estimate, state) == 320);
+    assert!(offset_of!(Estimate, matched_input) == 416);
+    assert!(offset_of!(Estimate, linear) == 464);
 
     assert!(size_of::<LatencySummary>() == 48);
     assert!(size_of::<Status>() == 29 * 8 + 4 * 48);
@@ -549,7 +598,8 @@ mod tests {
 
     #[test]
     fn status_words_name_every_bit_once() {
-        assert_eq!(status_bits::words(u64::MAX).len(), 11);
-        assert_eq!(status_bits::words(status_bits::COASTING), ["coasting-translation", "coasting-rotation"]);
+        assert_eq!(status_bits::words(u64::MAX).len(), 12);
+        let coasting = ["coasting-translation", "coasting-rotation", "coasting-linear"];
+        assert_eq!(status_bits::words(status_bits::COASTING), coasting);
     }
 }

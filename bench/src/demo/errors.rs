@@ -53,7 +53,7 @@ impl Run {
                     observer.accept(&accepted.sample);
                 }
             }
-            Estimate { status: estimate.status, ..to_payload(&observer.estimate(estimate.stamp_ns)) }
+            Estimate { status: estimate.status, ..to_payload(&observer.estimate(estimate.stamp_ns).into()) }
         });
         Ok(estimates.collect())
     }

@@ -3,24 +3,32 @@
 //! Keys carry their units; an unknown key is an error. Every message says where (file and line), what was
 //! found, and what would be accepted.
 
+use crate::estimator::Estimator;
 use nalgebra::{Matrix3, Quaternion, UnitQuaternion, Vector3};
 use observer::{
     Centers, ChannelDesign, DeadZone, DeadZoneShape, DesignError, DisturbanceBounds, GyroscopicTorque,
-    InitialState, Kernel, LengthScale, Parameter, RigidBodyObserver, RotationDesign, TranslationDesign,
+    InitialState, Kernel, LengthScale, LinearDesign, LinearObserver, Parameter, RigidBodyObserver,
+    RotationDesign, TranslationDesign,
 };
 use serde::{Deserialize, Serialize};
 use std::path::Path;
+
+mod keys;
+mod linear;
+
+use keys::{KEYS, comment, key_of};
+pub use linear::{LinearConfig, SquareMatrix};
 
 /// An output is held for this many of its sample periods; then its channel coasts.
 const HOLD_PERIODS: f64 = 1.5;
 
 /// The built-in configurations: name, text.
 pub const PRESETS: [(&str, &str); 5] = [
-    ("rigid-body", include_str!("../presets/rigid-body.toml")),
-    ("paper-translation", include_str!("../presets/paper-translation.toml")),
-    ("paper-rotation", include_str!("../presets/paper-rotation.toml")),
-    ("acsl-x8", include_str!("../presets/acsl-x8.toml")),
-    ("auv", include_str!("../presets/auv.toml")),
+    ("rigid-body", include_str!("../../presets/rigid-body.toml")),
+    ("paper-translation", include_str!("../../presets/paper-translation.toml")),
+    ("paper-rotation", include_str!("../../presets/paper-rotation.toml")),
+    ("acsl-x8", include_str!("../../presets/acsl-x8.toml")),
+    ("auv", include_str!("../../presets/auv.toml")),
 ];
 
 /// Why a configuration was refused.
@@ -96,6 +104,9 @@ pub struct Config {
     /// The rotation channel.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub rotation: Option<RotationConfig>,
+    /// A general linear plant.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub linear: Option<LinearConfig>,
 }
 
 /// The state before the first sample; what is missing is taken from the first measurement of it.
@@ -140,6 +151,12 @@ pub struct InputConfig {
     pub max_unknown_force_n: f64,
     /// Largest plausible learned torque (N·m).
     pub max_unknown_torque_n_m: f64,
+    /// Largest plausible entry of a linear plant's output.
+    pub max_output: f64,
+    /// Largest plausible entry of a linear plant's commanded or learned input.
+    pub max_input: f64,
+    /// Largest plausible entry of a linear plant's state.
+    pub max_state: f64,
     /// A stamp further ahead of the clock is rejected (s).
     pub max_future_s: f64,
     /// A stamp further behind the clock is rejected (s).
@@ -160,6 +177,9 @@ impl Default for InputConfig {
             max_torque_n_m: 1e5,
             max_unknown_force_n: 1e5,
             max_unknown_torque_n_m: 1e5,
+            max_output: 1e9,
+            max_input: 1e9,
+            max_state: 1e9,
             max_future_s: 0.05,
             max_age_s: 0.5,
             source: SourcePolicy::First,
@@ -490,18 +510,32 @@ impl ConfigFile {
         }
     }
 
-    /// Checks every value and builds the observer.
+    /// Checks every value and builds what the service runs.
     ///
     /// # Errors
     /// The key, its line, what was found and what would be accepted.
+    pub fn estimator(&self) -> Result<Estimator, ConfigError> {
+        let config = &self.config;
+        let linear = self.linear_design()?.map(|design| LinearObserver::new(&design)).transpose();
+        let linear = linear.map_err(|error| self.refuse("linear", &error))?;
+        let rigid_body = match (&linear, &config.translation, &config.rotation) {
+            (Some(_), None, None) => {
+                self.check_service()?;
+                None
+            }
+            _ => Some(self.observer()?),
+        };
+        Ok(Estimator { rigid_body, linear })
+    }
+
+    /// Checks every value and builds the observer of the rigid body.
+    ///
+    /// # Errors
+    /// As [`ConfigFile::estimator`].
     pub fn observer(&self) -> Result<RigidBodyObserver, ConfigError> {
         self.check_service()?;
-        let config = &self.config;
         let initial = self.initial_state()?;
-        let translation = config.translation.as_ref().map(|t| t.design(config.rate_hz)).transpose();
-        let translation = translation.map_err(|error| self.refuse("translation", &error))?;
-        let rotation = config.rotation.as_ref().map(|r| r.design(config.rate_hz)).transpose();
-        let rotation = rotation.map_err(|error| self.refuse("rotation", &error))?;
+        let (translation, rotation) = (self.translation_design()?, self.rotation_design()?);
         // One channel at a time, so that an error can name its table.
         let wrong = match (&translation, &rotation) {
             (Some(design), _) => RigidBodyObserver::new(Some(design.clone()), None, initial).err(),
@@ -513,10 +547,39 @@ impl ConfigFile {
         RigidBodyObserver::new(translation, rotation, initial).map_err(|error| match error.parameter {
             Parameter::Channels => ConfigError {
                 place: self.source.name.clone(),
-                what: "neither [translation] nor [rotation]; needed: at least one of these tables".into(),
+                what:
+                    "neither [translation] nor [rotation] nor [linear]; needed: at least one of these tables"
+                        .into(),
             },
             _ => self.refuse("rotation", &error),
         })
+    }
+
+    /// The design of the translation, if there is one. Its stability is not checked here.
+    ///
+    /// # Errors
+    /// As [`ConfigFile::estimator`].
+    pub fn translation_design(&self) -> Result<Option<TranslationDesign>, ConfigError> {
+        let design = self.config.translation.as_ref().map(|t| t.design(self.config.rate_hz)).transpose();
+        design.map_err(|error| self.refuse("translation", &error))
+    }
+
+    /// The design of the rotation, if there is one. Its stability is not checked here.
+    ///
+    /// # Errors
+    /// As [`ConfigFile::estimator`].
+    pub fn rotation_design(&self) -> Result<Option<RotationDesign>, ConfigError> {
+        let design = self.config.rotation.as_ref().map(|r| r.design(self.config.rate_hz)).transpose();
+        design.map_err(|error| self.refuse("rotation", &error))
+    }
+
+    /// The design of the linear plant, if there is one. Its stability is not checked here.
+    ///
+    /// # Errors
+    /// As [`ConfigFile::estimator`].
+    pub fn linear_design(&self) -> Result<Option<LinearDesign>, ConfigError> {
+        let design = self.config.linear.as_ref().map(|l| l.design(self.config.rate_hz)).transpose();
+        design.map_err(|error| self.refuse("linear", &error))
     }
 
     /// As [`ConfigFile::observer`], without learning: what the estimate would be if nothing were learned.
@@ -546,6 +609,9 @@ impl ConfigFile {
             ("input.max_torque_n_m", input.max_torque_n_m),
             ("input.max_unknown_force_n", input.max_unknown_force_n),
             ("input.max_unknown_torque_n_m", input.max_unknown_torque_n_m),
+            ("input.max_output", input.max_output),
+            ("input.max_input", input.max_input),
+            ("input.max_state", input.max_state),
             ("input.max_future_s", input.max_future_s),
             ("input.max_age_s", input.max_age_s),
             ("input.takeover_after_s", input.takeover_after_s),
@@ -565,6 +631,7 @@ impl ConfigFile {
         let sample_rates = [
             ("translation.sample_rate_hz", config.translation.as_ref().and_then(|t| t.sample_rate_hz)),
             ("rotation.sample_rate_hz", config.rotation.as_ref().and_then(|r| r.sample_rate_hz)),
+            ("linear.sample_rate_hz", config.linear.as_ref().and_then(|l| l.sample_rate_hz)),
         ];
         for (key, rate) in sample_rates {
             if let Some(rate) = rate.filter(|rate| !(0.01..=10_000.0).contains(rate)) {
@@ -601,7 +668,7 @@ impl ConfigFile {
         })
     }
 
-    fn refuse(&self, table: &str, error: &DesignError) -> ConfigError {
+    pub(crate) fn refuse(&self, table: &str, error: &DesignError) -> ConfigError {
         let key = format!("{table}.{}", key_of(table, error.parameter));
         self.wrong(&key, &error.found, &error.needed)
     }
@@ -629,13 +696,6 @@ impl ConfigFile {
             commented.push('\n');
         }
         commented
-    }
-}
-
-fn comment(key: &str) -> String {
-    match KEYS.iter().find(|(known, _)| *known == key) {
-        Some((_, text)) => format!("# {text}\n"),
-        None => String::new(),
     }
 }
 
@@ -680,18 +740,19 @@ fn with_suggestion(message: &str) -> String {
     }
 }
 
-struct CentersKeys<'a> {
-    lower: Option<[f64; 3]>,
-    upper: Option<[f64; 3]>,
-    per_axis: Option<[usize; 3]>,
-    listed: Option<&'a Vec<[f64; 3]>>,
+/// A lattice or a list, whichever is given.
+struct CentersKeys<Point, Counts> {
+    lower: Option<Point>,
+    upper: Option<Point>,
+    per_axis: Option<Counts>,
+    listed: Option<Vec<Point>>,
 }
 
-impl CentersKeys<'_> {
+impl<Point: AsRef<[f64]>, Counts: AsRef<[usize]>> CentersKeys<Point, Counts> {
     fn centers(&self) -> Result<Centers, DesignError> {
-        match (self.lower, self.upper, self.per_axis, self.listed) {
+        match (&self.lower, &self.upper, &self.per_axis, &self.listed) {
             (Some(lower), Some(upper), Some(per_axis), None) => Centers::lattice(lower, upper, per_axis),
-            (None, None, None, Some(listed)) => Centers::listed(listed.clone()),
+            (None, None, None, Some(listed)) => Centers::listed(listed),
             (lower, upper, per_axis, listed) => {
                 let given = [lower.is_some(), upper.is_some(), per_axis.is_some(), listed.is_some()];
                 let words = ["a lower corner", "an upper corner", "a number per axis", "a list"];
@@ -724,7 +785,7 @@ impl TranslationConfig {
             lower: self.centers_lower_m_s,
             upper: self.centers_upper_m_s,
             per_axis: self.centers_per_axis,
-            listed: self.centers_listed_m_s.as_ref(),
+            listed: self.centers_listed_m_s.clone(),
         };
         let force = self.mass_kg * Vector3::from(self.gravity_m_s2) + Vector3::from(self.known_force_n);
         if force.iter().any(|f| !f.is_finite()) {
@@ -767,7 +828,7 @@ impl RotationConfig {
             lower: self.centers_lower_rad_s,
             upper: self.centers_upper_rad_s,
             per_axis: self.centers_per_axis,
-            listed: self.centers_listed_rad_s.as_ref(),
+            listed: self.centers_listed_rad_s.clone(),
         };
         Ok(RotationDesign {
             channel: ChannelDesign {
@@ -800,168 +861,3 @@ impl RotationConfig {
         })
     }
 }
-
-/// The key that sets a parameter of the design.
-fn key_of(table: &str, parameter: Parameter) -> &'static str {
-    let translation = table == "translation";
-    let pick = |of_translation, of_rotation| if translation { of_translation } else { of_rotation };
-    match parameter {
-        Parameter::LengthScale => pick("length_scale_m_s", "length_scale_rad_s"),
-        Parameter::Nugget => "nugget",
-        Parameter::Centers => pick("centers_lower_m_s", "centers_lower_rad_s"),
-        Parameter::Gain => "gain_per_s",
-        Parameter::AdaptationRate => pick("adaptation_rate_kg_s2", "adaptation_rate_n_m"),
-        Parameter::Inertia => pick("mass_kg", "inertia_kg_m2"),
-        Parameter::DeadZoneWidth => pick("dead_zone_width_m_s", "dead_zone_width_rad_s"),
-        Parameter::DeadZoneBuffer => pick("dead_zone_buffer_m_s", "dead_zone_buffer_rad_s"),
-        Parameter::NoiseBound => pick("noise_bound_m_s", "noise_bound_rad_s"),
-        Parameter::UnmatchedBound => pick("unmatched_force_bound_n", "unmatched_torque_bound_n_m"),
-        Parameter::ResidualNorm => pick("residual_norm_bound_n", "residual_norm_bound_n_m"),
-        Parameter::Kernel => "kernel",
-        Parameter::Hold | Parameter::CoastStep => "sample_rate_hz",
-        Parameter::Fix => pick("position_fix_gain_per_s", "attitude_fix_gain_per_s"),
-        Parameter::Channels | Parameter::Plant | Parameter::InitialState => "",
-    }
-}
-
-/// What every key means, for `daemon config` and for messages.
-const KEYS: &[(&str, &str)] = &[
-    ("rate_hz", "Ticks per second; each publishes one estimate."),
-    ("trigger", "When to step: \"timer\" at rate_hz, or \"sample\" as soon as one arrives (polls one core)."),
-    (
-        "clock",
-        "Time of the estimate: \"monotonic\" (now), or \"samples\" (stamp of the newest sample; replay at another speed).",
-    ),
-    (
-        "spin_us",
-        "The last microseconds of every wait are spent polling the clock: less lateness for more of a core.",
-    ),
-    ("stale_after_s", "Without a sample for this long, the estimate's status says stale."),
-    (
-        "initial",
-        "The state before the first sample; what is missing is taken from the first measurement of it.",
-    ),
-    ("initial.position_m", "Position, inertial."),
-    ("initial.velocity_m_s", "Velocity, inertial."),
-    ("initial.attitude_wxyz", "Attitude, unit quaternion, body to inertial."),
-    ("initial.angular_velocity_rad_s", "Angular velocity, body axes."),
-    ("input", "Which samples are believed, and from which source."),
-    ("input.max_speed_m_s", "A faster measured velocity is rejected; a faster estimate is reset."),
-    ("input.max_angular_rate_rad_s", "A faster measured rotation is rejected; a faster estimate is reset."),
-    ("input.max_position_m", "A position further from the origin is rejected; such an estimate is reset."),
-    ("input.max_force_n", "A larger commanded force is rejected."),
-    ("input.max_torque_n_m", "A larger commanded torque is rejected."),
-    (
-        "input.max_unknown_force_n",
-        "A larger learned force is not believed: the translation is reset to its last good copy.",
-    ),
-    (
-        "input.max_unknown_torque_n_m",
-        "A larger learned torque is not believed: the rotation is reset to its last good copy.",
-    ),
-    ("input.max_future_s", "A stamp further ahead of the clock is rejected."),
-    ("input.max_age_s", "A stamp further behind the clock is rejected."),
-    (
-        "input.source",
-        "Where several publish: \"first\" keeps the one in use, \"newest\" takes the one that appeared last.",
-    ),
-    ("input.takeover_after_s", "A source silent for this long may be replaced by another one."),
-    ("translation", "Position, velocity and unknown force from measured velocity."),
-    ("translation.mass_kg", "Nominal mass; under water with the added mass."),
-    (
-        "translation.gravity_m_s2",
-        "Gravity along the inertial axes where the commanded force carries the weight; [0, 0, 9.81] with axes north-east-down.",
-    ),
-    ("translation.known_force_n", "Another known constant force along the inertial axes, buoyancy say."),
-    (
-        "translation.sample_rate_hz",
-        "Velocity measurements per second (default rate_hz); each is held for 1.5 periods, then the channel coasts.",
-    ),
-    ("translation.gain_per_s", "Observer gain λ: how fast the velocity estimate follows the measurement."),
-    (
-        "translation.adaptation_rate_kg_s2",
-        "Adaptation rate Γ_f: a number, three numbers (diagonal) or 3 × 3.",
-    ),
-    (
-        "translation.kernel",
-        "Kernel κ: \"sobolev-matern-K\" (K = 2, 3, …: the higher, the smoother what is learned), \"gaussian\", \"wendland-c2\", \"wendland-c4\".",
-    ),
-    (
-        "translation.length_scale_m_s",
-        "Length scale ℓ of the kernel: speeds this far apart share what is learned. One number, or one per axis.",
-    ),
-    ("translation.centers_lower_m_s", "Lower corner of the lattice of kernel centers, in velocity."),
-    ("translation.centers_upper_m_s", "Upper corner of the lattice of kernel centers, in velocity."),
-    ("translation.centers_per_axis", "Centers along each axis of the lattice."),
-    ("translation.centers_listed_m_s", "Centers one by one, instead of a lattice."),
-    (
-        "translation.nugget",
-        "Added to the Gram matrix's diagonal as a multiple of κ(0); 0 is the paper's law.",
-    ),
-    (
-        "translation.dead_zone",
-        "Shape of the dead zone σ: \"saturated\", \"quadratic\" (the paper's, corrected) or \"step\" (Theorem 1; ignores the buffer).",
-    ),
-    ("translation.dead_zone_width_m_s", "Dead zone d: output errors up to this are taken for noise."),
-    ("translation.dead_zone_buffer_m_s", "Buffer ε over which the dead zone opens."),
-    ("translation.noise_bound_m_s", "Bound δ̄ on the norm of the velocity measurement's error."),
-    (
-        "translation.unmatched_force_bound_n",
-        "Bound ξ̄ on the force that is no function of the velocity (gusts); it widens the guarantees, not the estimate.",
-    ),
-    (
-        "translation.residual_norm_bound_n",
-        "Bound r_f on the native norm of what the centers cannot represent of the unknown force; it widens the guarantees.",
-    ),
-    (
-        "translation.velocity_error_to_position",
-        "Gain L_r of the velocity error into the position; 0 is dead reckoning.",
-    ),
-    ("translation.position_fix_gain_per_s", "Gain L_p of position fixes; 0 uses only the first one."),
-    ("translation.position_fix_hold_s", "How long a position fix keeps correcting."),
-    ("rotation", "Attitude, angular velocity and unknown torque from measured angular velocity."),
-    ("rotation.inertia_kg_m2", "Nominal inertia: a number, three numbers (diagonal) or 3 × 3."),
-    (
-        "rotation.gyroscopic_torque",
-        "−ω × Iω: \"learned\" with the rest (the paper), or \"feedforward\" from the estimate.",
-    ),
-    (
-        "rotation.sample_rate_hz",
-        "Angular-velocity measurements per second (default rate_hz); each is held for 1.5 periods, then the channel coasts.",
-    ),
-    (
-        "rotation.gain_per_s",
-        "Observer gain λ: how fast the angular-velocity estimate follows the measurement.",
-    ),
-    ("rotation.adaptation_rate_n_m", "Adaptation rate Γ_f: a number, three numbers (diagonal) or 3 × 3."),
-    (
-        "rotation.kernel",
-        "Kernel κ: \"sobolev-matern-K\" (K = 2, 3, …: the higher, the smoother what is learned), \"gaussian\", \"wendland-c2\", \"wendland-c4\".",
-    ),
-    (
-        "rotation.length_scale_rad_s",
-        "Length scale ℓ of the kernel: rates this far apart share what is learned. One number, or one per axis.",
-    ),
-    ("rotation.centers_lower_rad_s", "Lower corner of the lattice of kernel centers, in angular velocity."),
-    ("rotation.centers_upper_rad_s", "Upper corner of the lattice of kernel centers, in angular velocity."),
-    ("rotation.centers_per_axis", "Centers along each axis of the lattice."),
-    ("rotation.centers_listed_rad_s", "Centers one by one, instead of a lattice."),
-    ("rotation.nugget", "Added to the Gram matrix's diagonal as a multiple of κ(0); 0 is the paper's law."),
-    (
-        "rotation.dead_zone",
-        "Shape of the dead zone σ: \"saturated\", \"quadratic\" (the paper's, corrected) or \"step\" (Theorem 1; ignores the buffer).",
-    ),
-    ("rotation.dead_zone_width_rad_s", "Dead zone d: output errors up to this are taken for noise."),
-    ("rotation.dead_zone_buffer_rad_s", "Buffer ε over which the dead zone opens."),
-    ("rotation.noise_bound_rad_s", "Bound δ̄ on the norm of the angular-velocity measurement's error."),
-    (
-        "rotation.unmatched_torque_bound_n_m",
-        "Bound ξ̄ on the torque that is no function of the angular velocity; it widens the guarantees, not the estimate.",
-    ),
-    (
-        "rotation.residual_norm_bound_n_m",
-        "Bound r_f on the native norm of what the centers cannot represent of the unknown torque; it widens the guarantees.",
-    ),
-    ("rotation.attitude_fix_gain_per_s", "Gain L_q of attitude fixes; 0 uses only the first one."),
-    ("rotation.attitude_fix_hold_s", "How long an attitude fix keeps correcting."),
-];
