@@ -4,7 +4,7 @@
 //! configuration.
 
 use crate::config::{ConfigError, ConfigFile, PRESETS};
-use crate::{Service, StartError, say};
+use crate::{Service, StartError, check, say};
 use anyhow::Context;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use comfy_table::{Table, presets::NOTHING};
@@ -45,6 +45,20 @@ enum Task {
     /// Print the effective configuration as commented TOML: a file to start from.
     #[command(after_help = "Example: daemon config --preset rigid-body > vehicle.toml")]
     Config {
+        #[command(flatten)]
+        design: DesignArguments,
+    },
+    /// Tell what is proven for a configuration, without starting anything.
+    ///
+    /// Controllability, observability, poles, strict positive realness, the error bounds of the theorems,
+    /// the stability of the sampled law, the centers' cover and condition, and what would be better.
+    #[command(
+        after_help = "Examples:\n  daemon check --preset paper-translation\n  daemon check --config vehicle.toml --json"
+    )]
+    Check {
+        /// Print one JSON document.
+        #[arg(long)]
+        json: bool,
         #[command(flatten)]
         design: DesignArguments,
     },
@@ -110,6 +124,7 @@ pub fn main_with_args(args: impl IntoIterator<Item = OsString>) -> ExitCode {
     let done = match arguments.command {
         Task::Run { design, place } => run(&design, &place),
         Task::Config { design } => config(&design),
+        Task::Check { json, design } => check(json, &design),
         Task::Control { action, json, place } => control(action, json, &place),
     };
     match done {
@@ -180,6 +195,18 @@ fn config(design: &DesignArguments) -> anyhow::Result<()> {
     let file = design.read()?;
     file.estimator()?;
     outln!("{}", file.commented_toml().trim_end());
+    Ok(())
+}
+
+fn check(json: bool, design: &DesignArguments) -> anyhow::Result<()> {
+    let file = design.read()?;
+    let checks = check::checks(&file)?;
+    match json {
+        true => outln!("{}", serde_json::to_string_pretty(&check::document(&file, &checks))?),
+        false => check::print(&file, &checks),
+    }
+    // The same refusal as that of `daemon run`, and the same exit code.
+    file.estimator()?;
     Ok(())
 }
 

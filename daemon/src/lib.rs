@@ -18,6 +18,7 @@
 //! | [`cli`] | the command line |
 
 pub mod attendant;
+pub mod check;
 pub mod cli;
 pub mod config;
 pub mod cycle;
@@ -91,6 +92,7 @@ impl Service {
     /// The configuration is refused, the instance is taken, or shared memory cannot be used; nothing runs then.
     pub fn start(config: &ConfigFile, domain: &Domain, instance: &str) -> Result<Self, StartError> {
         let observer = config.estimator()?;
+        check::unproven(config, &observer).iter().for_each(|sentence| say!("warning: {sentence}"));
         let config = config.config.clone();
         check_instance_name(instance).map_err(PortsError::from)?;
         let claim = domain.claim_instance(instance)?;

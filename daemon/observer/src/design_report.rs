@@ -171,12 +171,8 @@ impl DesignReport {
     pub fn of_linear(design: &LinearDesign, names: Option<&[String]>) -> Result<Self, DesignError> {
         let space = design.space()?;
         let n = design.n_states();
-        let states = match names {
-            Some(names) => names.to_vec(),
-            None => (1..=n).map(|i| format!("x{i}")).collect(),
-        };
         let plant = WholePlant {
-            states,
+            states: state_names(names, n),
             a: design.a.clone(),
             b: design.b.clone(),
             measured: design.c.clone(),
@@ -286,26 +282,25 @@ impl DesignReport {
             Some(self.lure.is_ok()),
             match &self.lure {
                 Ok(pair) => format!(
-                    "{}, λ_min(WᵀW + εP) = {:.4}, ‖PL‖ = {:.4}; residuals {:.0e} and {:.0e}",
+                    "{}, λ_min(WᵀW + εP) = {}, ‖PL‖ = {}; residuals at most {:.0e}",
                     matrix_in_words("P", &pair.p),
-                    pair.lambda_min,
-                    pair.pl_norm,
-                    pair.input_residual,
-                    pair.lyapunov_residual
+                    number(pair.lambda_min),
+                    number(pair.pl_norm),
+                    pair.input_residual.max(pair.lyapunov_residual)
                 ),
                 Err(reason) => reason.clone(),
             },
         );
         let certificate = &self.certificate;
         let claimed = self.lure.is_ok();
-        find("E₀ (Theorem 1)", claimed.then_some(true), format!("E₀ = {:.5}", certificate.e0()));
+        find("E₀ (Theorem 1)", claimed.then_some(true), format!("E₀ = {}", number(certificate.e0())));
         find(
             "d > d_N (Theorem 2)",
             claimed.then(|| certificate.is_admissible()),
             format!(
-                "d = {}, d_N = {:.5} with sup P_N = {:.4} (no point above {:.4}) and r_f = {}",
+                "d = {}, d_N = {} with sup P_N = {:.4} (no point above {:.4}) and r_f = {}",
                 certificate.dead_zone_width,
-                certificate.d_n(),
+                number(certificate.d_n()),
                 self.sup_power_function.value,
                 self.sup_power_function.upper_bound,
                 certificate.bounds.residual_norm
@@ -320,10 +315,10 @@ impl DesignReport {
             "sampled law stable",
             Some(self.sampled_data_stable()),
             format!(
-                "adaptation rate {:.4}, largest {:.4} for an output held for {} ms",
-                self.adaptation_rate,
+                "adaptation rate {}, largest {:.1} for an output held for {} ms",
+                number(self.adaptation_rate),
                 self.largest_stable_adaptation_rate,
-                1e3 * self.hold_s
+                number(1e3 * self.hold_s)
             ),
         );
         let noise = certificate.bounds.noise;
@@ -333,12 +328,24 @@ impl DesignReport {
             match noise == 0.0 {
                 true => "δ̄ = 0".into(),
                 false => format!(
-                    "δ̄ = {noise:.5}: with it E₀ and d_N are the paper's claim; its proof drops −2σ⟨f̃(y), δ⟩"
+                    "δ̄ = {}: with it E₀ and d_N are the paper's claim; its proof drops −2σ⟨f̃(y), δ⟩",
+                    number(noise)
                 ),
             },
         );
         findings
     }
+}
+
+impl LinearDesign {
+    /// The unobservable subspace in words, with names for the states (x1, x2, … where there are none).
+    pub fn unobservable_states(&self, names: Option<&[String]>) -> Vec<String> {
+        in_words(&self.unobservable_subspace(), &state_names(names, self.n_states()))
+    }
+}
+
+fn state_names(names: Option<&[String]>, n: usize) -> Vec<String> {
+    names.map_or_else(|| (1..=n).map(|i| format!("x{i}")).collect(), <[String]>::to_vec)
 }
 
 /// What another length scale would do to a space.
@@ -408,21 +415,26 @@ fn in_words(basis: &DMatrix<f64>, states: &[String]) -> Vec<String> {
 
 fn pole_in_words(pole: &Complex<f64>) -> String {
     match pole.im == 0.0 {
-        true => format!("{:.4}", pole.re),
-        false => format!("{:.4}{:+.4}i", pole.re, pole.im),
+        true => number(pole.re).to_string(),
+        false => format!("{}{:+}i", number(pole.re), number(pole.im)),
     }
+}
+
+/// To six decimals, without a negative zero.
+fn number(x: f64) -> f64 {
+    (x * 1e6).round() / 1e6 + 0.0
 }
 
 /// `P = 4 I`, `P = diag(…)`, or its rows.
 fn matrix_in_words(name: &str, matrix: &DMatrix<f64>) -> String {
     let tolerance = 1e-9 * matrix.amax();
-    let number = |x: f64| format!("{}", (x * 1e6).round() / 1e6);
     let diagonal = matrix.diagonal();
     let is_diagonal = (matrix - DMatrix::from_diagonal(&diagonal)).amax() <= tolerance;
     if is_diagonal && diagonal.iter().all(|x| (x - diagonal[0]).abs() <= tolerance) {
         return format!("{name} = {} I", number(diagonal[0]));
     }
-    let list = |entries: Vec<f64>| entries.into_iter().map(number).collect::<Vec<_>>().join(", ");
+    let list =
+        |entries: Vec<f64>| entries.into_iter().map(|x| number(x).to_string()).collect::<Vec<_>>().join(", ");
     if is_diagonal {
         return format!("{name} = diag({})", list(diagonal.iter().copied().collect()));
     }

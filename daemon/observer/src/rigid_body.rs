@@ -321,6 +321,16 @@ impl RigidBodyObserver {
         self.translation.as_ref().map(|timeline| &timeline.law)
     }
 
+    /// What the theorems claim for the translation.
+    pub fn translation_certificate(&self) -> Option<&Certificate> {
+        self.translation.as_ref().map(|timeline| &timeline.certificate)
+    }
+
+    /// What the theorems claim for the rotation.
+    pub fn rotation_certificate(&self) -> Option<&Certificate> {
+        self.rotation.as_ref().map(|timeline| &timeline.certificate)
+    }
+
     /// The rotation's law, its space and weights.
     pub fn rotation(&self) -> Option<&Law<3>> {
         self.rotation.as_ref().map(|timeline| &timeline.law)

@@ -23,12 +23,13 @@ pub use linear::{LinearConfig, SquareMatrix};
 const HOLD_PERIODS: f64 = 1.5;
 
 /// The built-in configurations: name, text.
-pub const PRESETS: [(&str, &str); 5] = [
+pub const PRESETS: [(&str, &str); 6] = [
     ("rigid-body", include_str!("../../presets/rigid-body.toml")),
     ("paper-translation", include_str!("../../presets/paper-translation.toml")),
     ("paper-rotation", include_str!("../../presets/paper-rotation.toml")),
     ("acsl-x8", include_str!("../../presets/acsl-x8.toml")),
     ("auv", include_str!("../../presets/auv.toml")),
+    ("linear", include_str!("../../presets/linear.toml")),
 ];
 
 /// Why a configuration was refused.
@@ -592,12 +593,18 @@ impl ConfigFile {
         Ok(observer)
     }
 
+    /// What the configuration is called in messages: its file, or its preset.
+    pub fn name(&self) -> &str {
+        &self.source.name
+    }
+
     /// Replaces the rate, as `--rate-hz` does.
     pub fn set_rate_hz(&mut self, rate_hz: f64) {
         self.config.rate_hz = rate_hz;
     }
 
-    fn check_service(&self) -> Result<(), ConfigError> {
+    /// Checks what belongs to no channel.
+    pub(crate) fn check_service(&self) -> Result<(), ConfigError> {
         let config = &self.config;
         let input = &config.input;
         let positive = [

@@ -1,0 +1,366 @@
+//! `daemon check`: what is proven for a configuration, and what would be proven for a better one.
+
+use crate::config::{ConfigError, ConfigFile};
+use crate::estimator::Estimator;
+use comfy_table::{ContentArrangement, Table, presets::NOTHING};
+use nalgebra::Vector3;
+use observer::{
+    Centers, Certificate, DesignError, DesignReport, InitialState, Kernel, LengthScale, LengthScaleEffect,
+    LinearObserver, LinearOutput, RigidBodyObserver, Sample, Velocity, Verdict, length_scale_effect,
+};
+use serde::Serialize;
+use serde_json::{Value, json};
+use shared_types::outln;
+use std::time::Instant;
+
+/// Multiples of the length scale that are compared.
+const LENGTH_SCALE_FACTORS: [f64; 5] = [0.5, 0.7, 1.0, 1.4, 2.0];
+/// Comparing length scales factors a Gram matrix for each: not with more centers than this.
+const MOST_CENTERS_TO_COMPARE: usize = 1000;
+/// Steps timed for the time per step.
+const TIMED_STEPS: u64 = 400;
+
+/// The report of one channel.
+pub struct ChannelCheck {
+    /// Its table in the configuration.
+    pub name: &'static str,
+    output_unit: &'static str,
+    rate_unit: &'static str,
+    report: DesignReport,
+    length_scales: Vec<LengthScaleEffect>,
+    /// Median time of one step on this machine (ns); `None` where the channel would be refused.
+    step_ns: Option<u64>,
+}
+
+/// Everything that `daemon check` tells of a configuration.
+///
+/// # Errors
+/// What [`ConfigFile::estimator`] refuses, but for an unstable design: that is a finding.
+pub fn checks(file: &ConfigFile) -> Result<Vec<ChannelCheck>, ConfigError> {
+    let mut checks = Vec::new();
+    file.check_service()?;
+    let effect = |kernel: Kernel, scale: &LengthScale, centers: &Centers, nugget: f64| {
+        if centers.n_centers() > MOST_CENTERS_TO_COMPARE {
+            return Vec::new();
+        }
+        length_scale_effect(kernel, scale, centers, nugget, &LENGTH_SCALE_FACTORS)
+    };
+    let refuse = |table: &'static str| move |error: DesignError| file.refuse(table, &error);
+    if let Some(design) = file.translation_design()? {
+        let channel = &design.channel;
+        checks.push(ChannelCheck {
+            name: "translation",
+            output_unit: "m/s",
+            rate_unit: "kg/s²",
+            report: DesignReport::of_translation(&design).map_err(refuse("translation"))?,
+            length_scales: effect(channel.kernel, &channel.length_scale, &channel.centers, channel.nugget),
+            step_ns: RigidBodyObserver::new(Some(design.clone()), None, InitialState::default())
+                .ok()
+                .map(time_steps),
+        });
+    }
+    if let Some(design) = file.rotation_design()? {
+        let channel = &design.channel;
+        checks.push(ChannelCheck {
+            name: "rotation",
+            output_unit: "rad/s",
+            rate_unit: "N·m",
+            report: DesignReport::of_rotation(&design).map_err(refuse("rotation"))?,
+            length_scales: effect(channel.kernel, &channel.length_scale, &channel.centers, channel.nugget),
+            step_ns: RigidBodyObserver::new(None, Some(design.clone()), InitialState::default())
+                .ok()
+                .map(time_steps),
+        });
+    }
+    if let Some(design) = file.linear_design()? {
+        let names = file.config.linear.as_ref().and_then(|linear| linear.state_names.as_deref());
+        checks.push(ChannelCheck {
+            name: "linear",
+            output_unit: "",
+            rate_unit: "",
+            report: DesignReport::of_linear(&design, names).map_err(refuse("linear"))?,
+            length_scales: effect(design.kernel, &design.length_scale, &design.centers, design.nugget),
+            step_ns: LinearObserver::new(&design).ok().map(time_linear_steps),
+        });
+    }
+    match checks.is_empty() {
+        true => file.estimator().map(|_| checks),
+        false => Ok(checks),
+    }
+}
+
+/// What a service runs with although it is not proven: one sentence for each channel that has some.
+pub fn unproven(file: &ConfigFile, estimator: &Estimator) -> Vec<String> {
+    let mut sentences = Vec::new();
+    let mut warn = |name: &str, hidden: String, certificate: Option<&Certificate>| {
+        let mut facts = Vec::new();
+        if !hidden.is_empty() {
+            facts.push(format!("{hidden} cannot be observed and is integrated from its start"));
+        }
+        match certificate {
+            Some(certificate) if certificate.lambda_min == 0.0 => {
+                facts.push("the error dynamics are not strictly positive real".into());
+            }
+            Some(certificate) if !certificate.is_admissible() => facts.push(format!(
+                "the dead zone d = {} is not wider than d_N = {:.4}, so Theorem 2 promises nothing",
+                certificate.dead_zone_width,
+                certificate.d_n()
+            )),
+            _ => {}
+        }
+        if !facts.is_empty() {
+            sentences.push(format!("{name}: not all is proven: {}; see daemon check", facts.join("; ")));
+        }
+    };
+    let body = estimator.rigid_body.as_ref();
+    if let Some(translation) = &file.config.translation {
+        let hidden = if translation.position_fix_gain_per_s > 0.0 { "" } else { "position" };
+        warn("translation", hidden.into(), body.and_then(RigidBodyObserver::translation_certificate));
+    }
+    if file.config.rotation.is_some() {
+        warn("rotation", String::new(), body.and_then(RigidBodyObserver::rotation_certificate));
+    }
+    if let (Some(linear), Ok(Some(design))) = (&file.config.linear, file.linear_design()) {
+        let hidden = design.unobservable_states(linear.state_names.as_deref()).join(", ");
+        warn("linear", hidden, estimator.linear.as_ref().map(LinearObserver::certificate));
+    }
+    sentences
+}
+
+/// The median time of a step (ns), outputs wandering through the box of the centers.
+fn time_steps(mut observer: RigidBodyObserver) -> u64 {
+    let law = observer.translation().or(observer.rotation()).expect("one channel was built");
+    let (lower, upper) = law.space().bounding_box();
+    let (lower, upper) = (Vector3::from_column_slice(lower), Vector3::from_column_slice(upper));
+    time(|j, wander| {
+        let output = lower + (upper - lower).component_mul(&Vector3::from(wander));
+        observer.accept(&Sample {
+            stamp_ns: j * 1_000_000,
+            velocity: Some(Velocity::Inertial(output)),
+            angular_velocity_rad_s: Some(output),
+            ..Sample::default()
+        });
+    })
+}
+
+fn time_linear_steps(mut observer: LinearObserver) -> u64 {
+    let (lower, upper) = observer.law().space().bounding_box();
+    let (lower, upper) = (lower.to_vec(), upper.to_vec());
+    time(|j, wander| {
+        let at = |axis: usize| lower[axis] + (upper[axis] - lower[axis]) * wander[axis % 3];
+        let output = LinearOutput::from_fn(|axis, _| if axis < lower.len() { at(axis) } else { 0.0 });
+        observer.accept(j * 1_000_000, Some(output), None);
+    })
+}
+
+fn time(mut step: impl FnMut(u64, [f64; 3])) -> u64 {
+    let mut durations_ns: Vec<u64> = (0..TIMED_STEPS)
+        .map(|j| {
+            let t = j as f64 * 0.1;
+            let wander = [t.sin(), (1.3 * t).cos(), (0.7 * t).sin()].map(|x| 0.5 + 0.5 * x);
+            let start = Instant::now();
+            step(j, wander);
+            start.elapsed().as_nanos() as u64
+        })
+        .collect();
+    durations_ns.sort_unstable();
+    durations_ns[durations_ns.len() / 2]
+}
+
+/// The document of `daemon check --json`.
+pub fn document(file: &ConfigFile, checks: &[ChannelCheck]) -> Value {
+    let channels: Vec<_> = checks.iter().map(ChannelCheck::document).collect();
+    json!({ "configuration": file.name(), "channels": channels })
+}
+
+/// A matrix as its rows.
+fn rows(matrix: &nalgebra::DMatrix<f64>) -> Vec<Vec<f64>> {
+    matrix.row_iter().map(|row| row.iter().copied().collect()).collect()
+}
+
+#[derive(Serialize)]
+struct FindingDocument {
+    condition: String,
+    verdict: &'static str,
+    detail: String,
+}
+
+impl ChannelCheck {
+    fn document(&self) -> Value {
+        let report = &self.report;
+        let certificate = &report.certificate;
+        let pair = report.lure.as_ref().ok();
+        let if_proven = |value: f64| pair.map(|_| value);
+        let findings: Vec<_> = report
+            .findings()
+            .into_iter()
+            .map(|finding| FindingDocument {
+                verdict: word(finding.verdict),
+                condition: finding.condition,
+                detail: finding.detail,
+            })
+            .collect();
+        let length_scales: Vec<_> = self
+            .length_scales
+            .iter()
+            .map(|effect| {
+                json!({
+                    "factor": effect.factor,
+                    "gram_condition": effect.gram_condition,
+                    "relative_power_function": effect.relative_power_function,
+                })
+            })
+            .collect();
+        let mut document = json!({
+            "name": self.name,
+            "output_unit": self.output_unit,
+            "states": report.states,
+            "controllable": report.controllable,
+            "observable": report.observable,
+            "unobservable": report.unobservable,
+            "hurwitz": report.hurwitz,
+            "hurwitz_on_observable_part": report.observable_hurwitz,
+            "poles_per_s": report.poles.iter().map(|pole| [pole.re, pole.im]).collect::<Vec<_>>(),
+            "strictly_positive_real": pair.is_some(),
+            "p": pair.map(|pair| rows(&pair.p)),
+            "w": pair.map(|pair| rows(&pair.w)),
+            "epsilon_per_s": pair.map(|pair| pair.epsilon),
+            "lambda_min": pair.map(|pair| pair.lambda_min),
+            "pl_norm": pair.map(|pair| pair.pl_norm),
+            "lure_input_residual": pair.map(|pair| pair.input_residual),
+            "lure_lyapunov_residual": pair.map(|pair| pair.lyapunov_residual),
+            "level_set_factor": if_proven(report.level_set_factor()),
+        });
+        let numbers = json!({
+            "noise_bound": certificate.bounds.noise,
+            "unmatched_bound": certificate.bounds.unmatched,
+            "residual_norm_bound": certificate.bounds.residual_norm,
+            "e0": if_proven(certificate.e0()),
+            "d_n": if_proven(certificate.d_n()),
+            "n_centers": report.n_centers,
+            "kernel_at_zero": report.value_at_zero,
+            "sup_power_function": report.sup_power_function.value,
+            "sup_power_function_upper_bound": report.sup_power_function.upper_bound,
+            "sup_power_function_at": report.sup_power_function.at,
+            "fill_distance_length_scales": report.fill_distance.value,
+            "separation_length_scales": report.separation,
+            "dead_zone_width": certificate.dead_zone_width,
+            "dead_zone_admissible": pair.is_some() && certificate.is_admissible() && report.dead_zone_is_smooth,
+            "smallest_admissible_dead_zone_width": if_proven(certificate.d_n()),
+            "sampled_data_stable": report.sampled_data_stable(),
+            "adaptation_rate": report.adaptation_rate,
+            "largest_stable_adaptation_rate": report.largest_stable_adaptation_rate,
+            "hold_s": report.hold_s,
+            "gram_condition": report.gram_condition,
+            "bytes": report.bytes,
+            "step_ns": self.step_ns,
+            "length_scale_effect": length_scales,
+            "findings": findings,
+        });
+        let reasons = document.as_object_mut().expect("an object was made");
+        reasons.extend(
+            numbers.as_object().into_iter().flatten().map(|(key, value)| (key.clone(), value.clone())),
+        );
+        if let Err(reason) = &report.lure {
+            for key in ["lambda_min", "pl_norm", "e0", "d_n"] {
+                reasons.insert(format!("{key}_reason"), Value::from(reason.as_str()));
+            }
+        }
+        if self.step_ns.is_none() {
+            reasons.insert("step_ns_reason".into(), "daemon run would refuse this channel".into());
+        }
+        if self.length_scales.is_empty() {
+            let reason = format!("not compared with more than {MOST_CENTERS_TO_COMPARE} centers");
+            reasons.insert("length_scale_effect_reason".into(), reason.into());
+        }
+        document
+    }
+
+    fn print(&self) {
+        let report = &self.report;
+        let unit = |unit: &str| if unit.is_empty() { String::new() } else { format!(" {unit}") };
+        let (output_unit, rate_unit) = (unit(self.output_unit), unit(self.rate_unit));
+        outln!("{}, {} centers", self.name, report.n_centers);
+        let mut table = Table::new();
+        table.load_style(NOTHING).set_content_arrangement(ContentArrangement::Dynamic);
+        for finding in report.findings() {
+            table.add_row([word(finding.verdict), &finding.condition, &finding.detail]);
+        }
+        outln!("{table}\n");
+
+        let mut facts = Table::new();
+        facts.load_style(NOTHING).set_content_arrangement(ContentArrangement::Dynamic);
+        let mut fact = |name: &str, value: String| {
+            facts.add_row([name, &value]);
+        };
+        let step = match self.step_ns {
+            Some(step_ns) => format!("{:.2} µs (median of {TIMED_STEPS} here)", step_ns as f64 / 1e3),
+            None => "not measured: daemon run would refuse this channel".into(),
+        };
+        fact("one step", format!("{} bytes read, {step}", report.bytes));
+        fact(
+            "centers",
+            format!(
+                "cond(K) = {:.4}, κ(0) = {:.4}, fill distance {:.3}, separation {} length scales",
+                Short(report.gram_condition),
+                report.value_at_zero,
+                report.fill_distance.value,
+                report.separation.map_or("–".into(), |q| format!("{q:.3}"))
+            ),
+        );
+        if report.lure.is_ok() {
+            let d_n = report.certificate.d_n();
+            fact("smallest admissible dead zone", format!("wider than {d_n:.5}{output_unit}"));
+        }
+        let largest = report.largest_stable_adaptation_rate;
+        fact("largest stable adaptation rate", format!("{:.4}{rate_unit}", Short(largest)));
+        outln!("{facts}");
+
+        if !self.length_scales.is_empty() {
+            let mut table = Table::new();
+            table.load_style(NOTHING);
+            table.set_header(["length scale ×", "cond(K)", "sup P_N / √κ(0)"]);
+            let or_singular =
+                |value: Option<f64>| value.map_or("singular".into(), |x| format!("{:.4}", Short(x)));
+            for effect in &self.length_scales {
+                table.add_row([
+                    effect.factor.to_string(),
+                    or_singular(effect.gram_condition),
+                    or_singular(effect.relative_power_function),
+                ]);
+            }
+            outln!("\n{table}");
+        }
+        outln!();
+    }
+}
+
+/// A number of any size in few characters.
+struct Short(f64);
+
+impl std::fmt::Display for Short {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let digits = f.precision().unwrap_or(4);
+        match self.0.abs() {
+            size if (1e-3..1e5).contains(&size) => {
+                let decimals = (digits as i32 - 1 - size.log10().floor() as i32).max(0) as usize;
+                write!(f, "{:.decimals$}", self.0)
+            }
+            _ => write!(f, "{:.*e}", digits - 1, self.0),
+        }
+    }
+}
+
+fn word(verdict: Verdict) -> &'static str {
+    match verdict {
+        Verdict::Holds => "holds",
+        Verdict::Fails => "fails",
+        Verdict::NotApplicable => "not applicable",
+    }
+}
+
+/// Prints the table for people.
+pub fn print(file: &ConfigFile, checks: &[ChannelCheck]) {
+    outln!("{}\n", file.name());
+    checks.iter().for_each(ChannelCheck::print);
+}
