@@ -33,7 +33,7 @@ enum Task {
     /// The paper's examples, run exactly and deterministically: a table, the figures, and the errors; every number of
     /// the paper is an option.
     #[command(
-        after_help = "Examples:\n  bench paper --scenario translation\n  bench paper --scenario rotation --dead-zone saturated --adaptation-rate 100"
+        after_help = "Examples:\n  bench paper --scenario translation\n  bench paper --scenario translation --dead-zone saturated --adaptation-rate 100\n  bench paper --scenario rotation --dead-zone saturated --width 0.02"
     )]
     Paper(paper::PaperArguments),
     /// Accuracy on a recorded flight, beside a Kalman filter; offline.
