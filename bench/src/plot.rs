@@ -189,7 +189,8 @@ const TICK_SIZE: f64 = 13.0;
 
 /// plotters works in whole pixels; ten to the unit make them invisible in a vector file.
 const SVG_SCALE: f64 = 10.0;
-/// Each pixel of a PNG is the mean of 2 × 2: plotters sets glyphs at whole pixels, which would show as uneven spacing.
+/// Each pixel of a PNG is the mean of 2 × 2: plotters sets glyphs at whole pixels, which would show as uneven
+/// spacing.
 const SUPERSAMPLING: u32 = 2;
 
 /// The number of points a line keeps: more than twice the pixels of a panel.
@@ -1058,6 +1059,20 @@ mod tests {
             let size = fs::metadata(&file).unwrap().len();
             assert!((10_000..1_000_000).contains(&size), "{}: {size} bytes", file.display());
         }
+    }
+
+    #[test]
+    fn a_column_is_eight_and_a_half_centimeters_wide_with_room_for_its_labels() {
+        let panels = flight();
+        let figure = Figure::new(&COLUMN, "", "t (s)", &panels).unwrap();
+        let svg = figure.svg().unwrap();
+        let width_px: f64 = svg.split('"').nth(1).unwrap().parse().unwrap();
+        assert!((width_px / 96.0 * 2.54 - 8.5).abs() < 1e-9, "{width_px}");
+        // 7 points, at 72 to the inch.
+        assert!((TICK_SIZE * COLUMN.css_px * 72.0 / 96.0 - 7.0).abs() < 0.05);
+        assert!(figure.plots.iter().all(|plot| plot.ticks.major.len() >= 3));
+        let (size, _) = figure.raster().unwrap();
+        assert!(f64::from(size.0) / (8.5 / 2.54) > 500.0, "{} dots", size.0);
     }
 
     #[test]

@@ -6,7 +6,7 @@
 //!
 //! | module | holds |
 //! |---|---|
-//! | [`run`] | the run: what happens from one sample to the next |
+//! | [`mod@run`] | the run: what happens from one sample to the next |
 //! | [`rows`] | one row of the table, and the table as a file |
 //! | [`report`] | errors of a run; what is printed of them |
 //! | `figures` | position, Euler angles and angular rate against time |
