@@ -1,6 +1,6 @@
 //! The command line of `bench`.
 
-use crate::{demo, replay, step};
+use crate::{demo, paper, replay, step};
 use clap::{Parser, Subcommand};
 use daemon::config::ConfigError;
 use rustix::process::{Signal, set_parent_process_death_signal};
@@ -30,6 +30,12 @@ enum Task {
     /// Latency of a whole step as the number of kernel centers grows.
     #[command(after_help = "Example: bench step --centers 27,125,343 --plot step.png")]
     Step(step::StepArguments),
+    /// The paper's examples, run exactly and deterministically: a table, the figures, and the errors; every number of
+    /// the paper is an option.
+    #[command(
+        after_help = "Examples:\n  bench paper --scenario translation\n  bench paper --scenario translation --dead-zone saturated --adaptation-rate 100\n  bench paper --scenario rotation --dead-zone saturated --width 0.02"
+    )]
+    Paper(paper::PaperArguments),
     /// Accuracy on a recorded flight, beside a Kalman filter; offline.
     #[command(after_help = "Example: bench replay --format acsl log_20240613_121802.log --plot coasts.png")]
     Replay(replay::ReplayArguments),
@@ -61,13 +67,15 @@ pub fn main_with_args(args: impl IntoIterator<Item = OsString>) -> ExitCode {
     let done = match &arguments.command {
         Task::Demo(arguments) => demo::run(arguments),
         Task::Step(arguments) => step::run(arguments),
+        Task::Paper(arguments) => paper::run(arguments),
         Task::Replay(arguments) => replay::run(arguments),
     };
     match done {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
             logln!("bench: {error:#}");
-            ExitCode::from(if error.is::<ConfigError>() { 2 } else { 1 })
+            let is_usage = error.is::<ConfigError>() || error.is::<paper::UsageError>();
+            ExitCode::from(if is_usage { 2 } else { 1 })
         }
     }
 }

@@ -4,6 +4,7 @@
 //! | module | command | measures |
 //! |---|---|---|
 //! | [`demo`] | `bench demo` | the whole job: service and simulated vehicle as two processes |
+//! | [`paper`] | `bench paper` | the paper's two examples: table, figures, errors |
 //! | [`step`] | `bench step` | latency of a step as the number of centers grows |
 //! | [`replay`] | `bench replay` | accuracy on a recorded flight, beside a Kalman filter |
 //! | [`kalman`] | | that filter |
@@ -12,6 +13,7 @@
 pub mod cli;
 pub mod demo;
 pub mod kalman;
+pub mod paper;
 pub mod plot;
 pub mod replay;
 pub mod step;

@@ -68,14 +68,31 @@ pub fn draw(
     x_label: &str,
     panels: &[Panel],
 ) -> anyhow::Result<Vec<PathBuf>> {
-    ["svg", "png"]
+    both(path_without_extension, &Figure::new(&SCREEN, title, x_label, panels)?)
+}
+
+/// As [`draw`], but 8.5 cm wide, one column of a printed page, with text of 7 points and without a title: a paper
+/// has that below the figure.
+///
+/// # Errors
+/// As [`draw_to`].
+pub fn draw_column(
+    path_without_extension: &Path,
+    x_label: &str,
+    panels: &[Panel],
+) -> anyhow::Result<Vec<PathBuf>> {
+    both(path_without_extension, &Figure::new(&COLUMN, "", x_label, panels)?)
+}
+
+fn both(path_without_extension: &Path, figure: &Figure) -> anyhow::Result<Vec<PathBuf>> {
+    [("svg", Format::Svg), ("png", Format::Png)]
         .into_iter()
-        .map(|extension| {
+        .map(|(extension, format)| {
             // Not `with_extension`, which would cut "run-0.5" to "run-0".
             let mut name = path_without_extension.as_os_str().to_owned();
             name.push(format!(".{extension}"));
             let file = PathBuf::from(name);
-            draw_to(&file, title, x_label, panels)?;
+            figure.write(&file, format)?;
             Ok(file)
         })
         .collect()
@@ -87,12 +104,7 @@ pub fn draw(
 /// Another extension; no panels, or panels that disagree about `log_x`; a file that cannot be written.
 pub fn draw_to(file: &Path, title: &str, x_label: &str, panels: &[Panel]) -> anyhow::Result<()> {
     let format = Format::of(file)?;
-    let figure = Figure::new(title, x_label, panels)?;
-    match format {
-        Format::Svg => fs::write(file, figure.svg()?).map_err(anyhow::Error::from),
-        Format::Png => figure.png(file),
-    }
-    .with_context(|| format!("cannot write the plot {}", file.display()))
+    Figure::new(&SCREEN, title, x_label, panels)?.write(file, format)
 }
 
 /// Whether [`draw_to`] will know what to write: to be asked before a long measurement, not after it.
@@ -127,24 +139,58 @@ impl Format {
     }
 }
 
-// Lengths are in units of 1/96 inch (CSS pixels); a backend multiplies them by its scale.
-const WIDTH: f64 = 860.0;
+/// How large a figure is. Lengths are in units of its own, of which a text is 13 high.
+#[derive(Debug)]
+struct Page {
+    width: f64,
+    /// Height of a single panel; several are lower.
+    panel_height: f64,
+    /// About this many ticks along the x axis.
+    x_ticks: usize,
+    /// About this far from one tick of a y axis to the next.
+    y_tick_distance: f64,
+    /// All strokes are so many times as wide as on a screen.
+    pen: f64,
+    /// One unit of an SVG, in CSS pixels of 1/96 inch.
+    css_px: f64,
+    /// Pixels of a PNG to the unit: it stays sharp in print and on dense screens.
+    png_scale: u32,
+}
+
+/// For a screen, or across a whole page.
+const SCREEN: Page = Page {
+    width: 860.0,
+    panel_height: 400.0,
+    x_ticks: 8,
+    y_tick_distance: 38.0,
+    pen: 1.0,
+    css_px: 1.0,
+    png_scale: 2,
+};
+/// 8.5 cm, and 535 dots per inch.
+const COLUMN: Page = Page {
+    width: 448.0,
+    panel_height: 250.0,
+    x_ticks: 6,
+    y_tick_distance: 26.0,
+    pen: 0.7,
+    css_px: 8.5 / 2.54 * 96.0 / 448.0,
+    png_scale: 4,
+};
+
 const RIGHT_MARGIN: f64 = 20.0;
 const TITLE_HEIGHT: f64 = 34.0;
 const LEGEND_ROW: f64 = 18.0;
 const LEGEND_SAMPLE: f64 = 30.0;
 const PANEL_GAP: f64 = 14.0;
-/// About this many ticks along the x axis.
-const X_TICKS: usize = 8;
 const TITLE_SIZE: f64 = 17.0;
 const LABEL_SIZE: f64 = 14.5;
 const TICK_SIZE: f64 = 13.0;
 
 /// plotters works in whole pixels; ten to the unit make them invisible in a vector file.
 const SVG_SCALE: f64 = 10.0;
-/// A PNG has two pixels to the unit, so that it stays sharp in print and on dense screens.
-const PNG_SCALE: u32 = 2;
-/// Each is the mean of 2 × 2: plotters sets glyphs at whole pixels, which would show as uneven spacing.
+/// Each pixel of a PNG is the mean of 2 × 2: plotters sets glyphs at whole pixels, which would show as uneven
+/// spacing.
 const SUPERSAMPLING: u32 = 2;
 
 /// The number of points a line keeps: more than twice the pixels of a panel.
@@ -482,6 +528,7 @@ fn dashed(points: &[(f64, f64)], dashes: &[f64]) -> Vec<Vec<(f64, f64)>> {
 
 /// The figure laid out, before any backend.
 struct Figure<'a> {
+    page: &'static Page,
     title: &'a str,
     x_label: &'a str,
     x: Axis,
@@ -511,7 +558,12 @@ struct LegendEntry<'a> {
 }
 
 impl<'a> Figure<'a> {
-    fn new(title: &'a str, x_label: &'a str, panels: &'a [Panel]) -> anyhow::Result<Self> {
+    fn new(
+        page: &'static Page,
+        title: &'a str,
+        x_label: &'a str,
+        panels: &'a [Panel],
+    ) -> anyhow::Result<Self> {
         let Some(first) = panels.first() else { bail!("a figure needs at least one panel; found none") };
         if panels.iter().any(|panel| panel.log_x != first.log_x) {
             bail!("the panels of a figure share the x axis: log_x must be the same in all of them");
@@ -523,16 +575,16 @@ impl<'a> Figure<'a> {
         // A time axis ends with its data; on a logarithmic one the outermost markers need room.
         let margin = if first.log_x { 0.05 } else { 0.0 };
         let x = Axis::around(panels.iter().flat_map(placed).map(|point| point.0), first.log_x, margin)
-            .completed(X_TICKS);
+            .completed(page.x_ticks);
 
         let n_lines: usize = panels.iter().map(|panel| panel.lines.len()).sum();
         let budget = POINTS_PER_LINE.min(POINTS_PER_FIGURE / n_lines.max(1));
-        let panel_height = (400.0 / (panels.len() as f64).powf(0.72)).max(110.0);
+        let panel_height = (page.panel_height / (panels.len() as f64).powf(0.72)).max(110.0);
         let mut plots = Vec::with_capacity(panels.len());
         let mut widest_tick: f64 = 0.0;
         for panel in panels {
             let y = Axis::around(placed(panel).map(|point| point.1), panel.log_y, 0.05);
-            let ticks = y.ticks(((panel_height / 38.0) as usize).clamp(2, 8));
+            let ticks = y.ticks(((panel_height / page.y_tick_distance) as usize).clamp(2, 8));
             for (_, label) in &ticks.major {
                 widest_tick = widest_tick.max(text_width(label, TICK_SIZE)?);
             }
@@ -570,7 +622,7 @@ impl<'a> Figure<'a> {
                 let mut along = start;
                 for &(label, look) in &entries {
                     let width = LEGEND_SAMPLE + 6.0 + text_width(label, TICK_SIZE)?;
-                    if along > start && along + width > WIDTH - RIGHT_MARGIN - left {
+                    if along > start && along + width > page.width - RIGHT_MARGIN - left {
                         along = start;
                         cursor += LEGEND_ROW;
                     }
@@ -584,26 +636,35 @@ impl<'a> Figure<'a> {
             cursor = plot.bottom + PANEL_GAP;
         }
         let height = (cursor - PANEL_GAP + 50.0).ceil();
-        Ok(Self { title, x_label, x, left, height, plots })
+        Ok(Self { page, title, x_label, x, left, height, plots })
     }
 
     fn right(&self) -> f64 {
-        WIDTH - RIGHT_MARGIN
+        self.page.width - RIGHT_MARGIN
+    }
+
+    fn write(&self, file: &Path, format: Format) -> anyhow::Result<()> {
+        match format {
+            Format::Svg => fs::write(file, self.svg()?).map_err(anyhow::Error::from),
+            Format::Png => self.png(file),
+        }
+        .with_context(|| format!("cannot write the plot {}", file.display()))
     }
 
     fn svg(&self) -> anyhow::Result<String> {
         let scaled = |length: f64| (length * SVG_SCALE).round() as u32;
-        let size = (scaled(WIDTH), scaled(self.height));
+        let size = (scaled(self.page.width), scaled(self.height));
         let mut text = String::new();
         {
             let area = SVGBackend::with_string(&mut text, size).into_drawing_area();
-            self.paint(&Canvas { area: &area, scale: SVG_SCALE, kind: Format::Svg })?;
+            self.paint(&Canvas { area: &area, scale: SVG_SCALE, pen: self.page.pen, kind: Format::Svg })?;
         }
         // plotters would show the fine grid of pixels at full size, and miter every corner of a noisy line.
         let found = format!("width=\"{}\" height=\"{}\"", size.0, size.1);
         let wanted = format!(
-            "width=\"{WIDTH}\" height=\"{}\" stroke-linejoin=\"round\" stroke-linecap=\"butt\"",
-            self.height
+            "width=\"{}\" height=\"{}\" stroke-linejoin=\"round\" stroke-linecap=\"butt\"",
+            self.page.css_px * self.page.width,
+            self.page.css_px * self.height
         );
         // Its lowest anchor is half an x-height off the baseline; all of ours are baselines.
         Ok(text.replacen(&found, &wanted, 1).replace(" dy=\"-0.5ex\"", ""))
@@ -620,13 +681,14 @@ impl<'a> Figure<'a> {
 
     /// The picture as rows of RGB, and its size.
     fn raster(&self) -> anyhow::Result<((u32, u32), Vec<u8>)> {
-        let size = (WIDTH as u32 * PNG_SCALE, self.height as u32 * PNG_SCALE);
+        let png_scale = self.page.png_scale;
+        let size = (self.page.width as u32 * png_scale, self.height as u32 * png_scale);
         let fine_size = (size.0 * SUPERSAMPLING, size.1 * SUPERSAMPLING);
         let mut fine = vec![0; 3 * (fine_size.0 * fine_size.1) as usize];
         {
             let area = BitMapBackend::with_buffer(&mut fine, fine_size).into_drawing_area();
-            let scale = f64::from(PNG_SCALE * SUPERSAMPLING);
-            self.paint(&Canvas { area: &area, scale, kind: Format::Png })?;
+            let scale = f64::from(png_scale * SUPERSAMPLING);
+            self.paint(&Canvas { area: &area, scale, pen: self.page.pen, kind: Format::Png })?;
         }
         let (row, samples) = (3 * fine_size.0 as usize, SUPERSAMPLING as usize);
         let mut pixels = Vec::with_capacity(3 * (size.0 * size.1) as usize);
@@ -648,7 +710,7 @@ impl<'a> Figure<'a> {
         canvas.area.fill(&WHITE).map_err(|error| anyhow!("{error}"))?;
         let middle = 0.5 * (self.left + self.right());
         canvas.text(self.title, (middle, 21.0), TITLE_SIZE, HPos::Center, Turn::Upright)?;
-        let x_ticks = self.x.ticks(X_TICKS);
+        let x_ticks = self.x.ticks(self.page.x_ticks);
         for plot in &self.plots {
             self.paint_grid(canvas, plot, &x_ticks)?;
             self.paint_lines(canvas, plot)?;
@@ -785,6 +847,7 @@ enum Turn {
 struct Canvas<'a, B: DrawingBackend> {
     area: &'a DrawingArea<B, Shift>,
     scale: f64,
+    pen: f64,
     kind: Format,
 }
 
@@ -794,7 +857,7 @@ impl<B: DrawingBackend> Canvas<'_, B> {
     }
 
     fn stroke(&self, color: RGBColor, width: f64) -> ShapeStyle {
-        color.stroke_width((width * self.scale).round().max(1.0) as u32)
+        color.stroke_width((width * self.pen * self.scale).round().max(1.0) as u32)
     }
 
     fn line(&self, points: &[(f64, f64)], look: &Look) -> anyhow::Result<()> {
@@ -999,9 +1062,23 @@ mod tests {
     }
 
     #[test]
+    fn a_column_is_eight_and_a_half_centimeters_wide_with_room_for_its_labels() {
+        let panels = flight();
+        let figure = Figure::new(&COLUMN, "", "t (s)", &panels).unwrap();
+        let svg = figure.svg().unwrap();
+        let width_px: f64 = svg.split('"').nth(1).unwrap().parse().unwrap();
+        assert!((width_px / 96.0 * 2.54 - 8.5).abs() < 1e-9, "{width_px}");
+        // 7 points, at 72 to the inch.
+        assert!((TICK_SIZE * COLUMN.css_px * 72.0 / 96.0 - 7.0).abs() < 0.05);
+        assert!(figure.plots.iter().all(|plot| plot.ticks.major.len() >= 3));
+        let (size, _) = figure.raster().unwrap();
+        assert!(f64::from(size.0) / (8.5 / 2.54) > 500.0, "{} dots", size.0);
+    }
+
+    #[test]
     fn the_picture_shows_frame_text_and_every_line() {
         let panels = flight();
-        let (size, pixels) = Figure::new("A flight", "t (s)", &panels).unwrap().raster().unwrap();
+        let (size, pixels) = Figure::new(&SCREEN, "A flight", "t (s)", &panels).unwrap().raster().unwrap();
         assert_eq!(pixels.len(), 3 * (size.0 * size.1) as usize);
         let count = |color: RGBColor| {
             pixels.as_chunks::<3>().0.iter().filter(|p| **p == [color.0, color.1, color.2]).count()
@@ -1069,7 +1146,7 @@ mod tests {
             })
             .collect();
         let panels = [panel("a", lines.clone()), panel("b", lines)];
-        let svg = Figure::new("", "", &panels).unwrap().svg().unwrap();
+        let svg = Figure::new(&SCREEN, "", "", &panels).unwrap().svg().unwrap();
         assert!(svg.len() < 1_000_000, "{} bytes", svg.len());
     }
 

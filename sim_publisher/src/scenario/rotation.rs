@@ -11,7 +11,8 @@ use nalgebra::Vector3;
 
 const INERTIA_KG_M2: Vector3<f64> = Vector3::new(0.2, 15.0, 15.0);
 
-/// A body that only rotates; the disturbance is unused.
+/// A body that only rotates. The disturbance is what is added to ω where f is taken (rad/s), as for
+/// [`PointMass`](super::translation::PointMass); the scenario has none.
 #[derive(Debug)]
 pub struct RotatingBody;
 
@@ -37,8 +38,9 @@ fn reference(t: f64) -> (Vector3<f64>, Vector3<f64>) {
 }
 
 impl TruePlant for RotatingBody {
-    fn acceleration(&self, state: &State, command: &Wrench, _: &Vector3<f64>) -> Acceleration {
-        let torque_n_m = command.torque_n_m + unknown_torque_n_m(&state.angular_velocity_rad_s);
+    fn acceleration(&self, state: &State, command: &Wrench, disturbance: &Vector3<f64>) -> Acceleration {
+        let felt_at_rad_s = state.angular_velocity_rad_s + disturbance;
+        let torque_n_m = command.torque_n_m + unknown_torque_n_m(&felt_at_rad_s);
         Acceleration {
             linear_m_s2: Vector3::zeros(),
             angular_rad_s2: torque_n_m.component_div(&INERTIA_KG_M2),
@@ -97,6 +99,9 @@ mod tests {
         let drag = 0.001 * 0.14f64.sqrt();
         let expected = Vector3::new(-0.1 * drag, 0.444 - 0.2 * drag, -0.296 - 0.3 * drag);
         assert!((unknown_torque_n_m(&Vector3::new(0.1, 0.2, 0.3)) - expected).norm() < 1e-15);
+        let error = Vector3::new(0.0, 0.2, 0.3);
+        let felt = RotatingBody.acceleration(&start, &Wrench::zero(), &error).angular_rad_s2;
+        assert!((felt.component_mul(&INERTIA_KG_M2) - expected).norm() < 1e-15);
         assert!((angular_velocity_error_rad_s(0.1) - 0.05 * 0.5f64.sin()).abs() < 1e-17);
         let (t, dt) = (3.0, 1e-5);
         let difference = (reference(t + dt).0 - reference(t - dt).0) / (2.0 * dt);

@@ -10,7 +10,8 @@ use nalgebra::Vector3;
 
 const MASS_KG: f64 = 4.0;
 
-/// A point mass; it has no attitude, and the disturbance is unused.
+/// A point mass; it has no attitude. The disturbance is what is added to v where f is taken (m/s): with δ(t) for
+/// it, the plant feels f at the measured output, the paper's E_{y(t)} f. The scenario has none.
 #[derive(Debug)]
 pub struct PointMass;
 
@@ -43,9 +44,10 @@ fn reference(t: f64) -> Reference {
 }
 
 impl TruePlant for PointMass {
-    fn acceleration(&self, state: &State, command: &Wrench, _: &Vector3<f64>) -> Acceleration {
+    fn acceleration(&self, state: &State, command: &Wrench, disturbance: &Vector3<f64>) -> Acceleration {
+        let felt_at_m_s = state.velocity_m_s + disturbance;
         Acceleration {
-            linear_m_s2: (command.force_n + unknown_force_n(&state.velocity_m_s)) / MASS_KG,
+            linear_m_s2: (command.force_n + unknown_force_n(&felt_at_m_s)) / MASS_KG,
             angular_rad_s2: Vector3::zeros(),
         }
     }
@@ -107,8 +109,12 @@ mod tests {
         // Computed by hand for v = (1, 0, 2): (cos 1, sin 1, cos 2).
         let expected = Vector3::new(0.5403023058681398, 0.8414709848078965, -0.4161468365471424);
         assert!((unknown_force_n(&start.velocity_m_s) - expected).norm() < 1e-15);
-        let unknown = definition().nominal.unknown(&PointMass, &start, &Wrench::zero(), &Vector3::zeros());
+        let error = Vector3::repeat(0.1);
+        let unknown = definition().nominal.unknown(&PointMass, &start, &Wrench::zero(), &error);
         assert!((unknown.matched.force_n - expected).norm() < 1e-14);
+        // f(v + 0.1) = (cos 1.21, sin 0.01 + sin 1.1, cos 2.1 + sin 0.1), by hand.
+        let felt = Vector3::new(0.3530194012193302, 0.9012071933956021, -0.4050126879530294);
+        assert!((expected + unknown.unmatched.force_n - felt).norm() < 1e-14);
         assert_eq!(velocity_error_m_s(0.0), 0.008);
         // sin x + cos x is at most √2, at x = π/4.
         let largest = velocity_error_m_s(std::f64::consts::FRAC_PI_2);
