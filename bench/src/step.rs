@@ -125,7 +125,7 @@ fn progress_bar(n_sizes: usize) -> ProgressBar {
         .with_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()))
 }
 
-// The paper's translation channel (§V-C): m = 4 kg, λ = 10 /s, Γ = 100 kg/s², k = 3, ℓ = 1 m/s.
+// The paper's translation channel (§VI-C): m = 4 kg, λ = 10 /s, Γ = 100 kg/s², k = 3, ℓ = 1 m/s.
 const KERNEL: Kernel = Kernel::SobolevMatern { dimension: 3, order: 3 };
 const LENGTH_SCALE: f64 = 1.0;
 const MASS_KG: f64 = 4.0;

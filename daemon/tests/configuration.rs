@@ -110,6 +110,46 @@ fn equal_centers_are_named() {
 }
 
 #[test]
+fn a_linear_plant_of_wrong_shape_is_refused_by_its_key() {
+    let good = include_str!("../presets/linear.toml");
+    assert_refused(&good.replace("b = [[0.0], [0.5]]", "b = [[0.0]]"), &["linear.a", "B of 1×1", "2×1"]);
+    assert_refused(&good.replace("[-3.0, -0.2]]", "[-3.0]]"), &["linear.a", "rows of [2, 1] numbers"]);
+    assert_refused(
+        &good.replace("gain = [[1.0], [8.0]]", "gain = [[-9.0], [-9.0]]"),
+        &["linear.gain", "a pole at"],
+    );
+    assert_refused(&good.replace("rate = 50.0", "rate = 1e9"), &["linear.adaptation_rate", "below"]);
+    assert_refused(&good.replace("[[0.0], [0.5]]", "[[0.0], [-0.5]]"), &["positive real"]);
+    assert_refused(&good.replace("[13]", "[13, 2]"), &["linear.centers_lower"]);
+    assert_refused(&good.replace("\"velocity\"", "\"velocity\", \"x\""), &["3 state_names for 2 states"]);
+    assert_refused(&good.replace("noise_bound = 0.01", "noise_bound = -1.0"), &["linear.noise_bound"]);
+}
+
+#[test]
+fn kernels_of_every_kind_are_taken_and_unknown_ones_refused() {
+    for kernel in ["sobolev-matern-2", "sobolev-matern-7", "gaussian", "wendland-c2", "wendland-c4"] {
+        let text = GOOD.to_owned() + &format!("kernel = \"{kernel}\"\n");
+        let file = ConfigFile::parse("vehicle.toml".into(), text).unwrap();
+        file.estimator().unwrap();
+    }
+    assert_refused(&(GOOD.to_owned() + "kernel = \"matern\"\n"), &["line 14", "sobolev-matern-K"]);
+    assert_refused(&(GOOD.to_owned() + "kernel = \"sobolev-matern-1\"\n"), &["line 14", "from 2 to"]);
+    let scales = GOOD.replace("length_scale_m_s = 1.0", "length_scale_m_s = [1.0, 2.0]");
+    assert_refused(&scales, &["length_scale_m_s", "one for each of the 3 axes"]);
+}
+
+#[test]
+fn what_is_merely_unproven_runs_with_one_warning() {
+    let domain = TestDomain::new();
+    let daemon = Daemon::start(&domain, &["--preset", "paper-translation"]);
+    domain.client();
+    let (code, log) = daemon.stop();
+    assert_eq!(code, Some(0), "{log}");
+    assert_eq!(log.matches("warning").count(), 1, "{log}");
+    assert!(log.contains("position cannot be observed") && log.contains("d_N = 0.0196"), "{log}");
+}
+
+#[test]
 fn a_refused_configuration_starts_nothing() {
     let domain = TestDomain::new();
     let mut file = tempfile::NamedTempFile::new().unwrap();
@@ -139,7 +179,7 @@ fn every_preset_prints_as_commented_toml_that_reads_back_the_same() {
             .unwrap_or_else(|error| panic!("{error}\n{text}"));
         assert_eq!(read.config, ConfigFile::preset(name).unwrap().config);
         read.estimator().unwrap();
-        for line in text.lines().filter(|line| line.contains(" = ")) {
+        for line in text.lines().filter(|line| line.contains(" = ") && !line.starts_with('#')) {
             let above = text.lines().take_while(|other| other != &line).last().unwrap();
             assert!(above.starts_with('#'), "{name}: no comment above: {line}");
         }

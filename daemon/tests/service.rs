@@ -81,7 +81,8 @@ fn samples_go_in_and_estimates_come_out() {
     // Silence: first coasting, then stale; still finite, still published.
     wait_until("stale", || newest(&mut latest).status & status_bits::STALE != 0);
     let stale = newest(&mut latest);
-    assert_eq!(stale.status & status_bits::COASTING, status_bits::COASTING);
+    let both = status_bits::COASTING_TRANSLATION | status_bits::COASTING_ROTATION;
+    assert_eq!(stale.status & status_bits::COASTING, both);
     assert_eq!(stale.status & status_bits::ADAPTING, 0);
     assert!(stale.is_finite());
     drop((sensors, estimates, latest, client));
@@ -489,4 +490,41 @@ fn ctrl_c_ends_it_cleanly_too() {
     daemon.signal(Signal::INT);
     assert_eq!(daemon.finish().0, Some(0));
     domain.assert_clean();
+}
+
+/// A mass on a spring under a force that nobody modelled: y and u go in, x̂ and f̂ come out.
+#[test]
+fn a_linear_plant_of_the_users_own_is_estimated() {
+    let domain = TestDomain::new();
+    let daemon = Daemon::start(&domain, &["--preset", "linear"]);
+    let client = domain.client();
+    let sensors = client.measurement_publisher().unwrap();
+    let mut latest = client.latest_estimate().unwrap();
+    // x = (r, v) at rest against a constant force of 3 N that is not commanded: r = 3 / 6 m.
+    let (r, unknown_n) = (0.5, 3.0);
+    for sequence in 0..600 {
+        let sample = Measurement::at(monotonic_ns(), sequence).with_output(&[2.0 * r]).with_input(&[0.0]);
+        sensors.publish(&sample).unwrap();
+        period();
+    }
+    let estimate = newest(&mut latest);
+    assert_ne!(estimate.status & status_bits::TRACKING, 0);
+    // Within what the dead zone of 0.02 leaves.
+    assert!((estimate.matched_input[0] - unknown_n).abs() < 0.6, "{:?}", estimate.matched_input);
+    assert!((estimate.state[0] - r).abs() < 0.05 && estimate.state[1].abs() < 0.1, "{:?}", estimate.state);
+    assert!(estimate.linear.native_norm > 0.1 && estimate.linear.error_bound > 0.0);
+    assert_eq!(estimate.state[2..], [0.0; 10]);
+
+    // Bad input is refused by reason, and silence means coasting.
+    sensors.publish(&Measurement::at(monotonic_ns(), 600).with_output(&[f64::NAN])).unwrap();
+    sensors.publish(&Measurement::at(monotonic_ns(), 601).with_output(&[1e12])).unwrap();
+    wait_until("both to be refused", || domain.status().samples_rejected_total() == 2);
+    let status = domain.status();
+    assert_eq!((status.rejected(Rejection::NotFinite), status.rejected(Rejection::BeyondLimits)), (1, 1));
+    wait_until("coasting", || newest(&mut latest).status & status_bits::COASTING_LINEAR != 0);
+    drop(latest);
+    drop(sensors);
+    drop(client);
+    let (code, log) = daemon.stop();
+    assert_eq!(code, Some(0), "{log}");
 }

@@ -19,6 +19,8 @@ pub mod valid {
     pub const FORCE: u32 = 1 << 4;
     /// `torque_n_m`: replaces the held command. Until the first one the command is zero.
     pub const TORQUE: u32 = 1 << 5;
+    /// Every field of a rigid body.
+    pub const RIGID_BODY: u32 = (1 << 6) - 1;
     /// `output` of a general linear plant.
     pub const OUTPUT: u32 = 1 << 6;
     /// `input` of a general linear plant: replaces the held one. Until the first one it is zero.

@@ -398,8 +398,8 @@ mod tests {
         assert_eq!(fields(Scenario::Rotation), (later | ATTITUDE, later, later, frame::INERTIAL));
         let every = ANGULAR_VELOCITY | ATTITUDE | FORCE | TORQUE;
         let log = every | VELOCITY;
-        assert_eq!(fields(Scenario::RigidBody), (valid::ALL, log, log, frame::INERTIAL));
-        assert_eq!(fields(Scenario::Auv), (valid::ALL, every, log, frame::BODY));
+        assert_eq!(fields(Scenario::RigidBody), (valid::RIGID_BODY, log, log, frame::INERTIAL));
+        assert_eq!(fields(Scenario::Auv), (valid::RIGID_BODY, every, log, frame::BODY));
     }
 
     #[test]

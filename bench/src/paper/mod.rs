@@ -13,7 +13,7 @@
 //!
 //! # Source
 //! Niu, Wang, Moon, L'Afflitto, Kurdila, Stilwell, *Vector-Valued Native Space Embedding for Adaptive State
-//! Observation*, §V-C
+//! Observation*, §VI-C
 
 mod figures;
 pub mod report;

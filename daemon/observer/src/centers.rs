@@ -3,7 +3,10 @@
 use crate::DesignError;
 use crate::Parameter;
 
-/// N distinct points of ℝ^d, d the number of outputs, in the output's unit.
+/// Ξ_N: N distinct points of ℝ^d, d the number of outputs, in the output's unit.
+///
+/// # Source
+/// Niu et al., §II.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Centers {
     dimension: usize,

@@ -22,7 +22,7 @@
 use crate::channel::{ChannelDesign, DisturbanceBounds};
 use crate::{DeadZone, NativeSpace};
 
-/// What the theorems claim for one channel.
+/// What the theorems claim for one channel (Niu et al., eqs. (E₀), (minimal dead zone)).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Certificate {
     /// λ_min(Q), Q = WᵀW + εP.

@@ -84,6 +84,9 @@ impl DisturbanceBounds {
 }
 
 /// The law and its plant. Everything is allocated here; steps allocate nothing.
+///
+/// # Source
+/// Niu et al., eqs. (state estimator), (final learning laws) on the plants of §VI-A and §VI-B.
 #[derive(Debug, Clone)]
 pub struct Channel {
     /// ỹ, φ, θ, f̂.
@@ -93,6 +96,9 @@ pub struct Channel {
 }
 
 /// `v̂' = λ (y − v̂) + M⁻¹ F`, solved exactly for held y and F.
+///
+/// # Source
+/// Niu et al., eq. (state estimator) with A = 0, B = M⁻¹, C = I, L = λI.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Integrator {
     gain_per_s: f64,

@@ -4,6 +4,9 @@ use crate::{DesignError, Parameter};
 
 /// A Δ-admissible dead zone: zero on [0, d], nondecreasing, continuously differentiable, its derivative
 /// locally Lipschitz. The argument is ‖ỹ‖, the error that can be measured; the paper writes ‖x − x̂‖.
+///
+/// # Source
+/// Niu et al., Definition 1 (admissible dead zone) and eqs. (μ_step), (σ₀).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct DeadZone {
     shape: DeadZoneShape,

@@ -1,4 +1,4 @@
-//! What is proven for a design: every condition of the theorems, computed (Niu et al., §III, §IV).
+//! What is proven for a design: every condition of the theorems, computed (Niu et al., §III to §V).
 //!
 //! | condition | what it is for |
 //! |---|---|
@@ -44,7 +44,7 @@ pub struct Finding {
     pub detail: String,
 }
 
-/// What is proven for one channel.
+/// What is proven for one channel: the assumptions of Niu et al., §III, and the conditions of Theorems 1 and 2.
 #[derive(Debug, Clone)]
 pub struct DesignReport {
     /// The names of the n states.

@@ -14,7 +14,7 @@ pub enum Kernel {
     /// derivatives up to the largest integer below 2ν at the centers.
     ///
     /// # Source
-    /// Niu et al., *Vector-Valued Native Space Embedding for Adaptive State Observation*, §V-C, whose
+    /// Niu et al., *Vector-Valued Native Space Embedding for Adaptive State Observation*, §VI-C, whose
     /// print has lost the argument of K.
     SobolevMatern {
         /// d ≥ 1, the number of outputs.

@@ -8,7 +8,7 @@
 //! ```
 //!
 //! The continuous law is `θ' = σ(‖ỹ‖) φ(y) (Γ_f ỹ)ᵀ`, which in the paper's coordinates is
-//! `α̂' = σ(‖ỹ‖) K⁻¹ k(y) (Γ_f ỹ)ᵀ` (Niu et al., §IV-B; the paper drops σ there), sampled with y and ỹ held over the
+//! `α̂' = σ(‖ỹ‖) K⁻¹ k(y) (Γ_f ỹ)ᵀ` (Niu et al., §V-B; the paper drops σ there), sampled with y and ỹ held over the
 //! step h.
 //!
 //! | symbol | name | shape | unit |
@@ -30,6 +30,9 @@ const STABILITY_MARGIN: f64 = 0.9;
 /// The law with its weights, for at most M outputs. Everything is allocated here; steps allocate nothing.
 ///
 /// A plant with m < M outputs uses the first m entries of every vector; the others are zero.
+///
+/// # Source
+/// Niu et al., eq. (final learning laws), in the coordinates θ = Rᵀα̂.
 #[derive(Debug, Clone)]
 pub struct Law<const M: usize> {
     space: NativeSpace,

@@ -195,7 +195,7 @@ impl LinearDesign {
     }
 }
 
-/// The adaptive observer of a linear plant. Samples go in with their stamps; estimates come out for any instant
+/// The adaptive observer of a linear plant (Niu et al., eqs. (state estimator), (final learning laws)). Samples go in with their stamps; estimates come out for any instant
 /// not before the newest sample. The same samples give the same bits, whoever asks and whenever.
 #[derive(Debug, Clone)]
 pub struct LinearObserver {

@@ -8,6 +8,9 @@
 use crate::native_space::ScaledKernel;
 
 /// A vector-valued function of the native space, `f: ℝ^d → ℝ^m`.
+///
+/// # Source
+/// Niu et al., §II, eqs. (native space), (inner product), (evaluation operator).
 #[derive(Debug, Clone, PartialEq)]
 pub struct NativeFunction {
     kernel: ScaledKernel,

@@ -9,7 +9,7 @@
 //! | β = K α̂ | `nodal_values` | βᵀ K⁻¹ k(y) | tr βᵀ K⁻¹ β |
 //! | θ = Rᵀ α̂ | `weights` | θᵀ φ(y) | ‖θ‖²_F |
 //!
-//! α̂ is the paper's (§IV-B); a step of the law is cheapest in θ.
+//! α̂ is the paper's (§V-B); a step of the law is cheapest in θ.
 
 use crate::box_search::{Supremum, supremum_over_box};
 use crate::centers::weighted_distance;
@@ -50,6 +50,9 @@ impl LengthScale {
 }
 
 /// 𝔎: a radial kernel with its length scales, `𝔎(y, ξ) = κ(√Σ_i ((y_i − ξ_i)/ℓ_i)²)`.
+///
+/// # Source
+/// Niu et al., §II (Mercer kernel); the length scales are ours, the paper has ℓ = 1.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ScaledKernel {
     radial: RadialFunction,
@@ -80,7 +83,10 @@ impl ScaledKernel {
     }
 }
 
-/// A kernel on N centers, factored once.
+/// H_N = span {𝒦(ξ_j,·) a}: a kernel on N centers, factored once.
+///
+/// # Source
+/// Niu et al., §II, eqs. (kernel matrix), (Grammian matrix), (power function).
 #[derive(Debug, Clone)]
 pub struct NativeSpace {
     kernel: ScaledKernel,

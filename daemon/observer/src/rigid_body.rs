@@ -9,7 +9,7 @@ use crate::timeline::{ChannelReport, Timeline};
 use crate::{Channel, ChannelDesign, DesignError, Parameter};
 use nalgebra::{UnitQuaternion, Vector3};
 
-/// The translation channel: y = v (inertial), M = m I₃, u the commanded force.
+/// The translation channel: y = v (inertial), M = m I₃, u the commanded force (Niu et al., §VI-A).
 #[derive(Debug, Clone, PartialEq)]
 pub struct TranslationDesign {
     /// The law for the velocity.
@@ -24,7 +24,7 @@ pub struct TranslationDesign {
     pub position_fix_hold_s: f64,
 }
 
-/// The rotation channel: y = ω (body), M the inertia matrix, u the commanded torque.
+/// The rotation channel: y = ω (body), M the inertia matrix, u the commanded torque (Niu et al., §VI-B).
 #[derive(Debug, Clone, PartialEq)]
 pub struct RotationDesign {
     /// The law for the angular velocity.
@@ -37,7 +37,7 @@ pub struct RotationDesign {
     pub attitude_fix_hold_s: f64,
 }
 
-/// Who accounts for the gyroscopic torque −ω × Iω.
+/// Who accounts for the gyroscopic torque −ω × Iω of Niu et al., eq. (rotational eom dyn).
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum GyroscopicTorque {
     /// It is part of the unknown torque, as in the paper.
@@ -118,7 +118,7 @@ impl RigidBodyEstimate {
     }
 }
 
-/// The adaptive observer of a rigid body. Samples go in with their stamps; estimates come out for any
+/// The adaptive observer of a rigid body (Niu et al., §VI-A, §VI-B). Samples go in with their stamps; estimates come out for any
 /// instant not before the newest sample.
 ///
 /// The same samples give the same estimates to the bit, whenever and however often estimates are asked for.

@@ -12,6 +12,9 @@
 ///
 /// with determinant E and trace 1 + E − b h g/m. Jury's conditions leave one: `g h (1 − E) / (λ m) < 2 (1 + E)`.
 ///
+/// # Source
+/// Ours: the paper's law is continuous. For small h it is g h² < 4m.
+///
 /// | symbol | name | unit |
 /// |---|---|---|
 /// | λ | `gain_per_s` | 1/s |

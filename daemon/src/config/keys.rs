@@ -110,7 +110,7 @@ pub(super) const KEYS: &[(&str, &str)] = &[
     ),
     (
         "translation.kernel",
-        "Kernel κ: \"sobolev-matern-K\" (K = 2, 3, …: the higher, the smoother what is learned), \"gaussian\", \"wendland-c2\", \"wendland-c4\".",
+        "Kernel κ: \"sobolev-matern-K\" (order K, 2 or more: the higher, the smoother what is learned), \"gaussian\", \"wendland-c2\", \"wendland-c4\".",
     ),
     (
         "translation.length_scale_m_s",
@@ -162,7 +162,7 @@ pub(super) const KEYS: &[(&str, &str)] = &[
     ("rotation.adaptation_rate_n_m", "Adaptation rate Γ_f: a number, three numbers (diagonal) or 3 × 3."),
     (
         "rotation.kernel",
-        "Kernel κ: \"sobolev-matern-K\" (K = 2, 3, …: the higher, the smoother what is learned), \"gaussian\", \"wendland-c2\", \"wendland-c4\".",
+        "Kernel κ: \"sobolev-matern-K\" (order K, 2 or more: the higher, the smoother what is learned), \"gaussian\", \"wendland-c2\", \"wendland-c4\".",
     ),
     (
         "rotation.length_scale_rad_s",
@@ -207,7 +207,7 @@ pub(super) const KEYS: &[(&str, &str)] = &[
     ("linear.adaptation_rate", "Adaptation rate Γ_f: a number, one per output (diagonal), or m × m."),
     (
         "linear.kernel",
-        "Kernel κ: \"sobolev-matern-K\" (K = 2, 3, …: the higher, the smoother what is learned), \"gaussian\", \"wendland-c2\", \"wendland-c4\".",
+        "Kernel κ: \"sobolev-matern-K\" (order K, 2 or more: the higher, the smoother what is learned), \"gaussian\", \"wendland-c2\", \"wendland-c4\".",
     ),
     (
         "linear.length_scale",

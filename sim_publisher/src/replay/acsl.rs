@@ -185,7 +185,7 @@ mod tests {
         let flight = parse(log(&[row(0.25, 10.0), tilted]).as_bytes(), "log").unwrap();
         let [first, second] = flight.samples[..] else { panic!("two rows") };
         assert_eq!((first.sequence, first.stamp_ns, second.stamp_ns), (0, 0, 250_000_000));
-        assert_eq!(first.valid, valid::ALL);
+        assert_eq!(first.valid, valid::RIGID_BODY);
         assert_eq!((first.velocity_m_s, first.position_m), ([1.0, 0.0, 0.0], [1.0, 2.0, 3.0]));
         assert_eq!((first.angular_velocity_rad_s, first.torque_n_m), ([1.0, 0.0, 0.0], [0.1, 0.2, 0.3]));
         assert_eq!(first.force_n, [0.0, 0.0, -10.0]);

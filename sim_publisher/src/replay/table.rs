@@ -387,12 +387,12 @@ mod tests {
         );
         let flight = parse(text.as_bytes(), "a.csv", &map).unwrap();
         let [first, second] = flight.samples[..] else { panic!("two rows") };
-        assert_eq!((first.valid, first.velocity_frame), (valid::ALL, frame::BODY));
+        assert_eq!((first.valid, first.velocity_frame), (valid::RIGID_BODY, frame::BODY));
         assert_eq!((first.velocity_m_s, first.angular_velocity_rad_s), ([1., 2., 3.], [4., 5., 6.]));
         assert_eq!((first.position_m, first.attitude_wxyz), ([7., 8., 9.], [0., 0., 1., 0.]));
         assert_eq!((first.force_n, first.torque_n_m), ([10., 11., 12.], [13., 14., 15.]));
         assert_eq!((second.stamp_ns, second.sequence), (10_001_000, 1));
-        assert_eq!(second.valid, valid::ALL & !valid::POSITION & !valid::FORCE);
+        assert_eq!(second.valid, valid::RIGID_BODY & !valid::POSITION & !valid::FORCE);
         assert_eq!((flight.skipped_rows(), flight.airborne), (0, None));
     }
 
