@@ -8,6 +8,8 @@ use observer::{
     Centers, Certificate, DesignError, DesignReport, InitialState, Kernel, LengthScale, LengthScaleEffect,
     LinearObserver, LinearOutput, RigidBodyObserver, Sample, Velocity, Verdict, length_scale_effect,
 };
+use rustix::stdio::stdout;
+use rustix::termios::tcgetwinsize;
 use serde::Serialize;
 use serde_json::{Value, json};
 use shared_types::outln;
@@ -16,7 +18,7 @@ use std::time::Instant;
 /// Multiples of the length scale that are compared.
 const LENGTH_SCALE_FACTORS: [f64; 5] = [0.5, 0.7, 1.0, 1.4, 2.0];
 /// Comparing length scales factors a Gram matrix for each: not with more centers than this.
-const MOST_CENTERS_TO_COMPARE: usize = 1000;
+const MOST_CENTERS_TO_COMPARE: usize = 729;
 /// Steps timed for the time per step.
 const TIMED_STEPS: u64 = 400;
 
@@ -281,15 +283,13 @@ impl ChannelCheck {
         let unit = |unit: &str| if unit.is_empty() { String::new() } else { format!(" {unit}") };
         let (output_unit, rate_unit) = (unit(self.output_unit), unit(self.rate_unit));
         outln!("{}, {} centers", self.name, report.n_centers);
-        let mut table = Table::new();
-        table.load_style(NOTHING).set_content_arrangement(ContentArrangement::Dynamic);
+        let mut table = wide_table();
         for finding in report.findings() {
             table.add_row([word(finding.verdict), &finding.condition, &finding.detail]);
         }
         outln!("{table}\n");
 
-        let mut facts = Table::new();
-        facts.load_style(NOTHING).set_content_arrangement(ContentArrangement::Dynamic);
+        let mut facts = wide_table();
         let mut fact = |name: &str, value: String| {
             facts.add_row([name, &value]);
         };
@@ -333,6 +333,18 @@ impl ChannelCheck {
         }
         outln!();
     }
+}
+
+/// A table that wraps at the edge of the terminal, if stdout is one.
+fn wide_table() -> Table {
+    let mut table = Table::new();
+    table.load_style(NOTHING).set_content_arrangement(ContentArrangement::Dynamic);
+    if let Ok(size) = tcgetwinsize(stdout())
+        && size.ws_col > 0
+    {
+        table.set_width(size.ws_col);
+    }
+    table
 }
 
 /// A number of any size in few characters.

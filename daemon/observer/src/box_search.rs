@@ -43,13 +43,15 @@ impl Ord for Cell {
 
 /// A search ends once the upper bound is this close to the value found, relative to it.
 const TOLERANCE: f64 = 1e-3;
-/// The best points of the division from which a local search starts.
+/// The best points of the division from which a local search starts, at most.
 const LOCAL_STARTS: usize = 16;
+/// A local search ends after this many evaluations.
+const CLIMB: usize = 400;
 
 /// Branch and bound over the box with these corners, then local searches from the best points found.
 ///
 /// `modulus(ρ)` bounds `|f(y) − f(z)|` for y and z of a weighted distance ρ, each axis multiplied by its entry of
-/// `weights`: what makes the upper bound one. Deterministic; at most about `most_evaluations`.
+/// `weights`: what makes the upper bound one. Deterministic; at most about twice `most_evaluations`.
 pub(crate) fn supremum_over_box(
     (lower, upper): (&[f64], &[f64]),
     weights: &[f64],
@@ -103,7 +105,8 @@ pub(crate) fn supremum_over_box(
         }
     }
     let (mut value, mut at) = best[0].clone();
-    for (start_value, start) in best {
+    let starts = (most_evaluations / CLIMB).clamp(2, LOCAL_STARTS);
+    for (start_value, start) in best.into_iter().take(starts) {
         let mut climb = Climb { value: start_value, at: start };
         evaluations += climb.run((lower, upper), &half_widths, &mut f);
         if climb.value > value {
@@ -128,7 +131,7 @@ impl Climb {
     ) -> usize {
         let mut evaluations = 0;
         let mut step = 1.0 / 16.0;
-        while step > 1e-8 && evaluations < 400 {
+        while step > 1e-8 && evaluations < CLIMB {
             let mut climbed = false;
             for axis in 0..self.at.len() {
                 for direction in [-step, step] {
