@@ -305,7 +305,7 @@ mod tests {
             let h = [0.003, 0.005, 0.007][j % 3];
             let (y, u) = (output(j), Vector3::new(0.3, -0.2, 0.1));
             let mut k = DVector::zeros(27);
-            channel.law.space().kernel_vector(y.as_slice(), k.as_mut_slice());
+            k.copy_from_slice(&channel.law.space().kernel_vector(y.as_slice()));
             let y_error: Vector3<f64> = y - theirs;
             let increment = h * zone.activation(y_error.norm()) * rate * y_error;
             alpha += gram_lu.solve(&k).unwrap() * increment.transpose();

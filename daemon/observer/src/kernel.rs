@@ -1,5 +1,6 @@
 //! Radial kernels κ(r), the shape of what one center knows about its surroundings.
 
+use crate::lanes::{LANES, exp_of_minus, multiply_add};
 use crate::{DesignError, Parameter};
 use std::f64::consts::PI;
 
@@ -121,20 +122,50 @@ impl RadialFunction {
         self.value(0.0)
     }
 
-    /// Replaces each squared distance r² by κ(r). No allocation.
-    pub fn apply_to_squares(&self, squares: &mut [f64]) {
-        fn each(squares: &mut [f64], kappa: impl Fn(f64) -> f64) {
-            squares.iter_mut().for_each(|square| *square = kappa(square.sqrt()));
-        }
+    /// Replaces each squared distance r² by κ(r), eight at a time. No allocation.
+    ///
+    /// Relative error below 1e-13; where κ(r) is below the smallest normal number, about that.
+    #[inline(always)]
+    pub(crate) fn replace_squares<const FMA: bool>(
+        &self,
+        squares: &mut [[f64; LANES]],
+        square: impl Fn(usize) -> [f64; LANES],
+    ) {
+        let each = EachLane { values: squares, square };
         match &self.0 {
-            Form::Exponential0(c) => each(squares, |r| exponential(c, r)),
-            Form::Exponential1(c) => each(squares, |r| exponential(c, r)),
-            Form::Exponential2(c) => each(squares, |r| exponential(c, r)),
-            Form::Exponential(c) => each(squares, |r| exponential(c, r)),
-            Form::Bessel { at_zero, nu } => each(squares, |r| at_zero * normalized_bessel(*nu, r)),
-            Form::Gaussian => each(squares, gaussian),
-            Form::WendlandC2 => each(squares, wendland_c2),
-            Form::WendlandC4 => each(squares, wendland_c4),
+            Form::Exponential0([c0]) => each.set(|r| c0 * exp_of_minus::<FMA>(r)),
+            Form::Exponential1([c0, c1]) => {
+                each.set(|r| multiply_add::<FMA>(*c1, r, *c0) * exp_of_minus::<FMA>(r));
+            }
+            Form::Exponential2([c0, c1, c2]) => each.set(|r| {
+                let polynomial = multiply_add::<FMA>(multiply_add::<FMA>(*c2, r, *c1), r, *c0);
+                polynomial * exp_of_minus::<FMA>(r)
+            }),
+            Form::Exponential(c) => each.set(|r| {
+                let horner = |sum, c: &f64| multiply_add::<FMA>(sum, r, *c);
+                c.iter().rev().fold(0.0, horner) * exp_of_minus::<FMA>(r)
+            }),
+            Form::Bessel { at_zero, nu } => each.set(|r| at_zero * normalized_bessel(*nu, r)),
+            Form::Gaussian => each.set(|r| exp_of_minus::<FMA>(0.5 * r * r)),
+            Form::WendlandC2 => each.set(wendland_c2),
+            Form::WendlandC4 => each.set(wendland_c4),
+        }
+    }
+}
+
+struct EachLane<'a, S> {
+    values: &'a mut [[f64; LANES]],
+    square: S,
+}
+
+impl<S: Fn(usize) -> [f64; LANES]> EachLane<'_, S> {
+    #[inline(always)]
+    fn set(self, kappa: impl Fn(f64) -> f64) {
+        for (i, values) in self.values.iter_mut().enumerate() {
+            let squares = (self.square)(i);
+            for l in 0..LANES {
+                values[l] = kappa(squares[l].sqrt());
+            }
         }
     }
 }
@@ -147,12 +178,16 @@ fn gaussian(r: f64) -> f64 {
     (-0.5 * r * r).exp()
 }
 
+#[inline(always)]
 fn wendland_c2(r: f64) -> f64 {
-    (1.0 - r).max(0.0).powi(4) * (4.0 * r + 1.0)
+    let square = (1.0 - r).max(0.0) * (1.0 - r).max(0.0);
+    square * square * (4.0 * r + 1.0)
 }
 
+#[inline(always)]
 fn wendland_c4(r: f64) -> f64 {
-    (1.0 - r).max(0.0).powi(6) * ((35.0 * r + 18.0) * r + 3.0) / 3.0
+    let square = (1.0 - r).max(0.0) * (1.0 - r).max(0.0);
+    square * square * square * ((35.0 * r + 18.0) * r + 3.0) / 3.0
 }
 
 /// `c_i` of `K_ν(r) r^ν / lim_{r→0} K_ν(r) r^ν = e^{−r} Σ_{i=0}^n c_i r^i`, ν = n + 1/2: the reverse Bessel polynomial with

@@ -18,7 +18,8 @@
 //! | Γ_f | `adaptation_rate` | m×m | the input's, per second and unit of output |
 //! | θ, φ | `weights`, `features` | N×m, N | the input's; 1 |
 
-use crate::native_space::dot;
+use crate::lanes::{LANES, VectorLoop, dot, multiply_add, sum};
+use crate::native_space::FeatureBuffers;
 use crate::stability::StepLimit;
 use crate::{DeadZone, NativeSpace};
 use nalgebra::{SMatrix, SVector};
@@ -43,9 +44,8 @@ pub struct Law<const M: usize> {
     weights: [Vec<f64>; M],
     native_norm: f64,
     held: HeldOutput<M>,
-    features: Vec<f64>,
-    kernel_vector: Vec<f64>,
-    query_features: Vec<f64>,
+    at_output: FeatureBuffers,
+    at_query: FeatureBuffers,
 }
 
 /// What follows from the held output alone, before it is known how long it will be held.
@@ -92,7 +92,7 @@ impl<const M: usize> Law<M> {
         adaptation_rate: SMatrix<f64, M, M>,
         step_limit: StepLimit,
     ) -> Self {
-        let n = space.n_centers();
+        let n = space.n_padded();
         let m = space.centers().dimension();
         Self {
             dead_zone,
@@ -102,9 +102,8 @@ impl<const M: usize> Law<M> {
             weights: std::array::from_fn(|axis| vec![0.0; if axis < m { n } else { 0 }]),
             native_norm: 0.0,
             held: HeldOutput::nothing(),
-            features: vec![0.0; n],
-            kernel_vector: vec![0.0; n],
-            query_features: vec![0.0; n],
+            at_output: FeatureBuffers::new(&space),
+            at_query: FeatureBuffers::new(&space),
             space,
         }
     }
@@ -116,8 +115,7 @@ impl<const M: usize> Law<M> {
     pub fn observe(&mut self, output: &SVector<f64, M>, output_estimate: &SVector<f64, M>) {
         self.held.output = *output;
         let point = &output.as_slice()[..self.space.centers().dimension()];
-        self.space.features(point, &mut self.kernel_vector, &mut self.features);
-        self.held.squared_features = dot(&self.features, &self.features);
+        self.held.squared_features = self.space.features(point, &mut self.at_output);
         self.observe_again(output_estimate);
     }
 
@@ -126,7 +124,8 @@ impl<const M: usize> Law<M> {
         self.held.output_error = self.held.output - output_estimate;
         let open = if self.frozen { 0.0 } else { 1.0 };
         self.held.activation = open * self.dead_zone.activation(self.held.output_error.norm());
-        self.held.prior_force = SVector::from_fn(|axis, _| dot(&self.weights[axis], &self.features));
+        let features = self.at_output.features();
+        self.held.prior_force = self.space.unit().run(Value { weights: &self.weights, features });
     }
 
     /// The weights' update if the output is held for `h_s`.
@@ -154,14 +153,9 @@ impl<const M: usize> Law<M> {
         if learning.increment == SVector::<f64, M>::zeros() {
             return;
         }
-        let mut squared_norm = 0.0;
-        for (theta, increment) in self.weights.iter_mut().zip(&learning.increment) {
-            for (weight, feature) in theta.iter_mut().zip(&self.features) {
-                *weight += increment * feature;
-            }
-            squared_norm += dot(theta, theta);
-        }
-        self.native_norm = squared_norm.sqrt();
+        let features = self.at_output.features();
+        let update = Update { weights: &mut self.weights, features, increment: &learning.increment };
+        self.native_norm = self.space.unit().run(update).sqrt();
     }
 
     /// f̂ at another point than the held output, with an update of the weights that is not yet made; and
@@ -175,13 +169,14 @@ impl<const M: usize> Law<M> {
         pending: &Learning<M>,
     ) -> (SVector<f64, M>, f64) {
         let coordinates = &point.as_slice()[..self.space.centers().dimension()];
-        self.space.features(coordinates, &mut self.kernel_vector, &mut self.query_features);
+        let squared_features = self.space.features(coordinates, &mut self.at_query);
+        let (unit, features) = (self.space.unit(), self.at_query.features());
         let pending_part = match pending.increment == SVector::<f64, M>::zeros() {
             true => 0.0,
-            false => dot(&self.features, &self.query_features),
+            false => unit.run(Dot { x: self.at_output.features(), y: features }),
         };
-        let force = SVector::from_fn(|axis, _| dot(&self.weights[axis], &self.query_features));
-        (force + pending_part * pending.increment, dot(&self.query_features, &self.query_features))
+        let force = unit.run(Value { weights: &self.weights, features });
+        (force + pending_part * pending.increment, squared_features)
     }
 
     /// Stops or resumes learning from the next output on; what was learned stays in use.
@@ -201,7 +196,7 @@ impl<const M: usize> Law<M> {
         self.held = HeldOutput::nothing();
     }
 
-    /// θ, one run of N per output.
+    /// θ, one run of N per output, filled up with zeros to whole lanes.
     pub fn weights(&self) -> &[Vec<f64>] {
         &self.weights[..self.space.centers().dimension()]
     }
@@ -209,12 +204,13 @@ impl<const M: usize> Law<M> {
     /// Takes weights of a law of the same design. No allocation.
     ///
     /// # Panics
-    /// Where a run has not N entries.
+    /// Where a run has more entries than those of [`Law::weights`].
     pub fn set_weights(&mut self, weights: &[Vec<f64>]) {
         for (theta, new) in self.weights.iter_mut().zip(weights) {
-            theta.copy_from_slice(new);
+            theta[..new.len()].copy_from_slice(new);
         }
-        self.native_norm = self.weights.iter().map(|theta| dot(theta, theta)).sum::<f64>().sqrt();
+        let squares = |theta: &Vec<f64>| self.space.unit().run(Dot { x: theta, y: theta });
+        self.native_norm = self.weights.iter().map(squares).sum::<f64>().sqrt();
     }
 
     /// The native space of f̂.
@@ -250,5 +246,62 @@ impl<const M: usize> Law<M> {
     /// P_N at the held output.
     pub fn power_function(&self) -> f64 {
         self.space.power_function(self.held.squared_features)
+    }
+}
+
+/// θᵀφ.
+struct Value<'a, const M: usize> {
+    weights: &'a [Vec<f64>; M],
+    features: &'a [f64],
+}
+
+impl<const M: usize> VectorLoop for Value<'_, M> {
+    type Output = SVector<f64, M>;
+
+    #[inline(always)]
+    fn call<const FMA: bool>(self) -> SVector<f64, M> {
+        SVector::from_fn(|axis, _| dot::<FMA>(&self.weights[axis], self.features))
+    }
+}
+
+/// xᵀy.
+struct Dot<'a> {
+    x: &'a [f64],
+    y: &'a [f64],
+}
+
+impl VectorLoop for Dot<'_> {
+    type Output = f64;
+
+    #[inline(always)]
+    fn call<const FMA: bool>(self) -> f64 {
+        dot::<FMA>(self.x, self.y)
+    }
+}
+
+/// θ + φ (h σ Γ_f ỹ)ᵀ, and ‖θ‖²_F of the result.
+struct Update<'a, const M: usize> {
+    weights: &'a mut [Vec<f64>; M],
+    features: &'a [f64],
+    increment: &'a SVector<f64, M>,
+}
+
+impl<const M: usize> VectorLoop for Update<'_, M> {
+    type Output = f64;
+
+    #[inline(always)]
+    fn call<const FMA: bool>(self) -> f64 {
+        let mut squares = [0.0; LANES];
+        let (features, _) = self.features.as_chunks::<LANES>();
+        for (theta, &increment) in self.weights.iter_mut().zip(self.increment) {
+            let (theta, _) = theta.as_chunks_mut::<LANES>();
+            for (weights, features) in theta.iter_mut().zip(features) {
+                for l in 0..LANES {
+                    weights[l] = multiply_add::<FMA>(features[l], increment, weights[l]);
+                    squares[l] = multiply_add::<FMA>(weights[l], weights[l], squares[l]);
+                }
+            }
+        }
+        sum(&squares)
     }
 }

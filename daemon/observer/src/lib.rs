@@ -61,11 +61,13 @@ mod channel;
 mod dead_zone;
 mod design_report;
 mod kernel;
+mod lanes;
 mod law;
 mod linear;
 mod linear_algebra;
 mod native_function;
 mod native_space;
+mod packed_factor;
 mod position;
 mod rigid_body;
 pub mod stability;
@@ -84,7 +86,7 @@ pub use linear::{
 };
 pub use linear_algebra::LurePair;
 pub use native_function::NativeFunction;
-pub use native_space::{LengthScale, NativeSpace, ScaledKernel};
+pub use native_space::{FeatureBuffers, LengthScale, NativeSpace, ScaledKernel};
 pub use rigid_body::{
     GyroscopicTorque, InitialState, RigidBodyEstimate, RigidBodyObserver, RotationDesign, Sample,
     TranslationDesign, Velocity,

@@ -14,6 +14,8 @@
 use crate::box_search::{Supremum, supremum_over_box};
 use crate::centers::weighted_distance;
 use crate::kernel::RadialFunction;
+use crate::lanes::{LANES, Lanes, VectorLoop, VectorUnit, multiply_add, whole_lanes};
+use crate::packed_factor::{PackedFactor, Product};
 use crate::{Centers, DesignError, Kernel, NativeFunction, Parameter};
 use nalgebra::DMatrix;
 
@@ -93,11 +95,12 @@ pub struct NativeSpace {
     value_at_zero: f64,
     centers: Centers,
     bounding_box: (Vec<f64>, Vec<f64>),
-    /// Coordinates of the centers over their length scales, one run of N per axis: the kernel vector is plain loops.
-    scaled_coordinates: Vec<Vec<f64>>,
-    /// R⁻¹, lower triangle, row after row: row i has i + 1 entries.
-    inverse_factor: Vec<f64>,
+    /// Coordinates of the centers over their length scales: one run per axis, of whole lanes.
+    scaled_coordinates: Vec<Vec<Lanes>>,
+    /// R⁻¹.
+    inverse_factor: PackedFactor,
     gram_condition: f64,
+    unit: VectorUnit,
 }
 
 impl NativeSpace {
@@ -123,14 +126,18 @@ impl NativeSpace {
             return Err(DesignError::new(Parameter::Nugget, nugget.to_string(), "a finite number ≥ 0"));
         }
         let n = centers.n_centers();
-        let axis_run = |(axis, scale): (usize, &f64)| centers.points().map(|p| p[axis] * scale).collect();
+        let axis_run = |(axis, scale): (usize, &f64)| {
+            let run: Vec<f64> = centers.points().map(|p| p[axis] * scale).collect();
+            in_lanes(&run)
+        };
         let mut space = Self {
             scaled_coordinates: kernel.inverse_length_scales.iter().enumerate().map(axis_run).collect(),
             value_at_zero: kernel.value_at_zero(),
             kernel,
             bounding_box: centers.bounding_box(),
-            inverse_factor: Vec::new(),
+            inverse_factor: PackedFactor::new(&DMatrix::zeros(0, 0)),
             gram_condition: f64::INFINITY,
+            unit: VectorUnit::of_this_machine(),
             centers,
         };
         let mut gram = space.gram();
@@ -145,8 +152,7 @@ impl NativeSpace {
         };
         let inverse =
             factor.solve_lower_triangular(&DMatrix::identity(n, n)).expect("the pivots are positive");
-        space.inverse_factor =
-            (0..n).flat_map(|i| (0..=i).map(move |j| (i, j))).map(|at| inverse[at]).collect();
+        space.inverse_factor = PackedFactor::new(&inverse);
         space.gram_condition =
             largest_eigenvalue(n, |x| &gram * x) * largest_eigenvalue(n, |x| inverse.tr_mul(&(&inverse * x)));
         Ok(space)
@@ -207,37 +213,33 @@ impl NativeSpace {
         self.gram_condition
     }
 
-    /// k(y): `k_j = 𝔎(ξ_j, y)`, N values for the d numbers of `y`. No allocation.
-    pub fn kernel_vector(&self, y: &[f64], kernel_vector: &mut [f64]) {
-        kernel_vector.fill(0.0);
-        for ((coordinates, scale), y) in
-            self.scaled_coordinates.iter().zip(&self.kernel.inverse_length_scales).zip(y)
-        {
-            let y = y * scale;
-            for (square, x) in kernel_vector.iter_mut().zip(coordinates) {
-                *square += (x - y) * (x - y);
-            }
-        }
-        self.kernel.radial.apply_to_squares(kernel_vector);
+    /// N rounded up to whole lanes: the length of all vectors that a step works on. What is beyond N is 0.
+    pub fn n_padded(&self) -> usize {
+        whole_lanes(self.n_centers())
     }
 
-    /// φ(y) = R⁻¹ k(y), N values; `kernel_vector` is left holding k(y). No allocation.
+    /// k(y): `k_j = 𝔎(ξ_j, y)`, N values for the d numbers of `y`.
+    pub fn kernel_vector(&self, y: &[f64]) -> Vec<f64> {
+        let mut buffers = FeatureBuffers::new(self);
+        self.features(y, &mut buffers);
+        buffers.kernel_vector.as_flattened()[..self.n_centers()].to_vec()
+    }
+
+    /// φ(y) = R⁻¹ k(y) into `buffers`, and φᵀφ. No allocation.
     ///
     /// # Cost
     /// N(N+1)/2 multiply-adds and N kernel values.
-    pub fn features(&self, y: &[f64], kernel_vector: &mut [f64], features: &mut [f64]) {
-        self.kernel_vector(y, kernel_vector);
-        self.multiply_inverse_factor(kernel_vector, features);
+    pub fn features(&self, y: &[f64], buffers: &mut FeatureBuffers) -> f64 {
+        self.unit.run(Features { space: self, y, buffers })
     }
 
-    /// R⁻¹ x.
-    fn multiply_inverse_factor(&self, x: &[f64], product: &mut [f64]) {
-        let mut rest = &self.inverse_factor[..];
-        for (i, entry) in product.iter_mut().enumerate() {
-            let (row, below) = rest.split_at(i + 1);
-            *entry = dot(row, &x[..=i]);
-            rest = below;
-        }
+    pub(crate) fn unit(&self) -> VectorUnit {
+        self.unit
+    }
+
+    /// The vector unit that steps run on, in words.
+    pub fn vector_unit(&self) -> &'static str {
+        self.unit.name()
     }
 
     /// P_N(y) = √(κ(0) − φᵀφ), from φᵀφ: how badly the centers cover y; √κ(0) where they cover nothing, 0 at a
@@ -252,9 +254,7 @@ impl NativeSpace {
 
     /// P_N(y).
     pub fn power_function_at(&self, y: &[f64]) -> f64 {
-        let (mut k, mut phi) = (vec![0.0; self.n_centers()], vec![0.0; self.n_centers()]);
-        self.features(y, &mut k, &mut phi);
-        self.power_function(dot(&phi, &phi))
+        self.power_function(self.features(y, &mut FeatureBuffers::new(self)))
     }
 
     /// sup P_N over the box of the centers.
@@ -267,14 +267,11 @@ impl NativeSpace {
     /// Some hundred to some ten thousand evaluations of the features: for reports.
     pub fn sup_power_function(&self) -> Supremum {
         let n = self.n_centers();
-        let (mut k, mut phi) = (vec![0.0; n], vec![0.0; n]);
+        let mut buffers = FeatureBuffers::new(self);
         self.search(
             |rho| (2.0 * (self.value_at_zero - self.kernel.radial.value(rho))).max(0.0).sqrt(),
             n * n,
-            |y| {
-                self.features(y, &mut k, &mut phi);
-                self.power_function(dot(&phi, &phi))
-            },
+            |y| self.power_function(self.features(y, &mut buffers)),
         )
     }
 
@@ -304,37 +301,24 @@ impl NativeSpace {
         )
     }
 
-    /// α̂ = R⁻ᵀ θ, N×m, of the function with these weights (m runs of N).
+    /// α̂ = R⁻ᵀ θ, N×m, of the function with these weights (m runs of N, or of whole lanes).
     pub fn coefficients(&self, weights: &[Vec<f64>]) -> DMatrix<f64> {
         let n = self.n_centers();
-        let mut coefficients = DMatrix::zeros(n, weights.len());
-        for (column, theta) in weights.iter().enumerate() {
-            let mut rest = &self.inverse_factor[..];
-            for (i, &weight) in theta.iter().enumerate() {
-                let (row, below) = rest.split_at(i + 1);
-                for (j, entry) in row.iter().enumerate() {
-                    coefficients[(j, column)] += entry * weight;
-                }
-                rest = below;
-            }
-        }
-        coefficients
+        let entry = |i: usize, j: usize| self.inverse_factor.entry(i, j);
+        DMatrix::from_fn(n, weights.len(), |j, column| (j..n).map(|i| entry(i, j) * weights[column][i]).sum())
     }
 
     /// β = R θ, N×m, of the function with these weights: the values of f̂_N at the centers.
     pub fn nodal_values(&self, weights: &[Vec<f64>]) -> DMatrix<f64> {
         let n = self.n_centers();
+        let entry = |i: usize, j: usize| self.inverse_factor.entry(i, j);
         let mut values = DMatrix::zeros(n, weights.len());
-        for (column, theta) in weights.iter().enumerate() {
+        for (theta, mut beta) in weights.iter().zip(values.column_iter_mut()) {
             // R⁻¹ β = θ, forward.
-            let mut rest = &self.inverse_factor[..];
-            let mut beta = vec![0.0; n];
             for i in 0..n {
-                let (row, below) = rest.split_at(i + 1);
-                beta[i] = (theta[i] - dot(&row[..i], &beta[..i])) / row[i];
-                rest = below;
+                let known: f64 = (0..i).map(|j| entry(i, j) * beta[j]).sum();
+                beta[i] = (theta[i] - known) / entry(i, i);
             }
-            values.column_mut(column).copy_from_slice(&beta);
         }
         values
     }
@@ -345,11 +329,9 @@ impl NativeSpace {
     /// # Source
     /// Niu et al., §II: ⟨f − Π_N f, 𝒦(ξ_j,·) a⟩ = 0 for all j says that both agree at the centers.
     pub fn weights_of_nodal_values(&self, values: &DMatrix<f64>) -> Vec<Vec<f64>> {
-        let mut weights = vec![vec![0.0; self.n_centers()]; values.ncols()];
-        for (theta, beta) in weights.iter_mut().zip(values.column_iter()) {
-            self.multiply_inverse_factor(beta.as_slice(), theta);
-        }
-        weights
+        let n = self.n_centers();
+        let row = |i: usize, beta: &[f64]| (0..=i).map(|j| self.inverse_factor.entry(i, j) * beta[j]).sum();
+        values.column_iter().map(|beta| (0..n).map(|i| row(i, beta.as_slice())).collect()).collect()
     }
 
     /// Π_N f, as weights.
@@ -371,22 +353,70 @@ impl NativeSpace {
 
     /// Bytes that every step reads: the packed factor and the centers.
     pub fn bytes(&self) -> usize {
-        8 * (self.inverse_factor.len() + self.scaled_coordinates.len() * self.n_centers())
+        self.inverse_factor.bytes() + 8 * self.scaled_coordinates.len() * self.n_padded()
     }
 }
 
-/// xᵀy in eight partial sums, so that the compiler may use vector registers.
-pub(crate) fn dot(x: &[f64], y: &[f64]) -> f64 {
-    let (x_runs, x_rest) = x.as_chunks::<8>();
-    let (y_runs, y_rest) = y.as_chunks::<8>();
-    let mut sums = [0.0; 8];
-    for (a, b) in x_runs.iter().zip(y_runs) {
-        for lane in 0..8 {
-            sums[lane] += a[lane] * b[lane];
-        }
+/// What one evaluation of the features works in.
+#[derive(Debug, Clone)]
+pub struct FeatureBuffers {
+    kernel_vector: Vec<[f64; LANES]>,
+    features: Vec<f64>,
+}
+
+impl FeatureBuffers {
+    /// Buffers for a space.
+    pub fn new(space: &NativeSpace) -> Self {
+        let n = space.n_padded();
+        Self { kernel_vector: vec![[0.0; LANES]; n / LANES], features: vec![0.0; n] }
     }
-    let rest: f64 = x_rest.iter().zip(y_rest).map(|(a, b)| a * b).sum();
-    ((sums[0] + sums[4]) + (sums[1] + sums[5])) + ((sums[2] + sums[6]) + (sums[3] + sums[7])) + rest
+
+    /// φ of the newest evaluation, of whole lanes.
+    pub fn features(&self) -> &[f64] {
+        &self.features
+    }
+}
+
+/// k(y), φ = R⁻¹ k(y) and φᵀφ in one go.
+struct Features<'a> {
+    space: &'a NativeSpace,
+    y: &'a [f64],
+    buffers: &'a mut FeatureBuffers,
+}
+
+impl VectorLoop for Features<'_> {
+    type Output = f64;
+
+    #[inline(always)]
+    fn call<const FMA: bool>(self) -> f64 {
+        let Self { space, y, buffers } = self;
+        let kernel = &space.kernel;
+        kernel.radial.replace_squares::<FMA>(&mut buffers.kernel_vector, |i| {
+            let mut squares = [0.0; LANES];
+            for ((coordinates, scale), y) in
+                space.scaled_coordinates.iter().zip(&kernel.inverse_length_scales).zip(y)
+            {
+                let (x, y) = (&coordinates[i].0, y * scale);
+                for l in 0..LANES {
+                    let distance = x[l] - y;
+                    squares[l] = multiply_add::<FMA>(distance, distance, squares[l]);
+                }
+            }
+            squares
+        });
+        let product = Product {
+            factor: &space.inverse_factor,
+            x: buffers.kernel_vector.as_flattened(),
+            product: &mut buffers.features,
+        };
+        product.call::<FMA>()
+    }
+}
+
+fn in_lanes(run: &[f64]) -> Vec<Lanes> {
+    run.chunks(LANES)
+        .map(|chunk| Lanes(std::array::from_fn(|l| chunk.get(l).copied().unwrap_or(0.0))))
+        .collect()
 }
 
 /// The largest eigenvalue of a symmetric positive semidefinite matrix, by power iteration.
@@ -418,11 +448,10 @@ mod tests {
         NativeSpace::new(KERNEL, &LengthScale::Isotropic(1.0), centers, 0.0).unwrap()
     }
 
-    fn features(space: &NativeSpace, y: [f64; 3]) -> (Vec<f64>, Vec<f64>) {
-        let n = space.n_centers();
-        let (mut k, mut phi) = (vec![0.0; n], vec![0.0; n]);
-        space.features(&y, &mut k, &mut phi);
-        (k, phi)
+    fn features(space: &NativeSpace, y: [f64; 3]) -> (Vec<f64>, f64) {
+        let mut buffers = FeatureBuffers::new(space);
+        let squares = space.features(&y, &mut buffers);
+        (buffers.features().to_vec(), squares)
     }
 
     #[test]
@@ -440,10 +469,11 @@ mod tests {
         let space = paper();
         let gram = space.gram();
         for y in [[0.1, 0.2, -0.7], [0.9, -0.9, 0.4], [3.0, 0.0, 0.0], [1.0, 1.0, 1.0]] {
-            let (k, phi) = features(&space, y);
-            let k = DMatrix::from_vec(27, 1, k);
+            let (phi, squares) = features(&space, y);
+            let k = DMatrix::from_vec(27, 1, space.kernel_vector(&y));
             let expected = k.dot(&gram.clone().lu().solve(&k).unwrap());
-            assert!((dot(&phi, &phi) - expected).abs() < 1e-12, "{y:?}");
+            assert!((squares - expected).abs() < 1e-12, "{y:?}");
+            assert!((phi.iter().map(|x| x * x).sum::<f64>() - expected).abs() < 1e-12, "{y:?}");
         }
     }
 
@@ -451,10 +481,7 @@ mod tests {
     #[test]
     fn the_power_function_measures_cover() {
         let space = paper();
-        let power = |y: [f64; 3]| {
-            let (_, phi) = features(&space, y);
-            space.power_function(dot(&phi, &phi))
-        };
+        let power = |y: [f64; 3]| space.power_function(features(&space, y).1);
         assert!(power([1.0, 0.0, -1.0]) < 1e-6);
         assert!((power([60.0, 0.0, 0.0]) - space.value_at_zero().sqrt()).abs() < 1e-12);
         // Its supremum over the lattice's box, at the middle of a cell: 0.443.

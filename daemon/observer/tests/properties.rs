@@ -1,7 +1,7 @@
 //! What must hold for any centers, kernel and history: proven on random ones.
 
 use nalgebra::{DMatrix, DVector};
-use observer::{Centers, Kernel, LengthScale, NativeFunction, NativeSpace};
+use observer::{Centers, FeatureBuffers, Kernel, LengthScale, NativeFunction, NativeSpace};
 use proptest::prelude::*;
 
 /// A kernel with the dimension it lives on.
@@ -38,16 +38,19 @@ fn points(n: usize) -> impl Strategy<Value = Vec<Vec<f64>>> {
 }
 
 fn kernel_vector(space: &NativeSpace, y: &[f64]) -> DVector<f64> {
-    let mut k = DVector::zeros(space.n_centers());
-    space.kernel_vector(y, k.as_mut_slice());
-    k
+    DVector::from_vec(space.kernel_vector(y))
+}
+
+/// φ(y) by the library.
+fn features(space: &NativeSpace, y: &[f64]) -> Vec<f64> {
+    let mut buffers = FeatureBuffers::new(space);
+    space.features(y, &mut buffers);
+    buffers.features()[..space.n_centers()].to_vec()
 }
 
 /// θᵀφ(y) by the library's own features.
 fn value_by_weights(space: &NativeSpace, weights: &[Vec<f64>], y: &[f64]) -> Vec<f64> {
-    let n = space.n_centers();
-    let (mut k, mut phi) = (vec![0.0; n], vec![0.0; n]);
-    space.features(y, &mut k, &mut phi);
+    let phi = features(space, y);
     weights.iter().map(|theta| theta.iter().zip(&phi).map(|(a, b)| a * b).sum()).collect()
 }
 
@@ -71,8 +74,7 @@ proptest! {
             let a = DVector::from_column_slice(a);
             alpha += gram.solve(&k).unwrap() * a.transpose();
             beta += &k * a.transpose();
-            let (mut scratch, mut phi) = (vec![0.0; n], vec![0.0; n]);
-            space.features(&y[..d], &mut scratch, &mut phi);
+            let phi = features(&space, &y[..d]);
             for (theta, a) in theta.iter_mut().zip(&a) {
                 theta.iter_mut().zip(&phi).for_each(|(theta, phi)| *theta += a * phi);
             }

@@ -1,0 +1,203 @@
+//! The loops that a step spends its time in, in lanes of eight, compiled for the vector units of the machine that
+//! runs them and chosen once at start: AVX-512, AVX2 with FMA, NEON, or the baseline.
+//!
+//! Everything here is plain Rust over arrays of eight; `pulp` only compiles it several times. Sums run in a fixed
+//! order per machine, so the same samples give the same bits on the same machine.
+
+use pulp::{Arch, NullaryFnOnce};
+
+/// Numbers that are worked on together: one register of AVX-512, two of AVX2, four of NEON or SSE2.
+pub(crate) const LANES: usize = 8;
+
+/// Eight numbers on a cache line of their own.
+#[derive(Debug, Clone, Copy, PartialEq)]
+#[repr(C, align(64))]
+pub(crate) struct Lanes(pub(crate) [f64; LANES]);
+
+/// `n` rounded up to whole lanes.
+pub(crate) fn whole_lanes(n: usize) -> usize {
+    n.next_multiple_of(LANES)
+}
+
+/// Something to be compiled for each vector unit; `FMA` says whether a·b + c is one instruction there.
+pub(crate) trait VectorLoop {
+    type Output;
+
+    fn call<const FMA: bool>(self) -> Self::Output;
+}
+
+struct With<L, const FMA: bool>(L);
+
+impl<L: VectorLoop, const FMA: bool> NullaryFnOnce for With<L, FMA> {
+    type Output = L::Output;
+
+    #[inline(always)]
+    fn call(self) -> L::Output {
+        self.0.call::<FMA>()
+    }
+}
+
+/// The vector unit of this machine.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct VectorUnit(Arch);
+
+impl VectorUnit {
+    /// The best one that this machine has.
+    pub(crate) fn of_this_machine() -> Self {
+        Self(Arch::new())
+    }
+
+    /// What is there on every machine of this kind: to compare with.
+    #[cfg(test)]
+    pub(crate) fn baseline() -> Self {
+        Self(Arch::Scalar)
+    }
+
+    /// Runs a loop on it.
+    #[inline(always)]
+    pub(crate) fn run<L: VectorLoop>(self, vector_loop: L) -> L::Output {
+        match self.0 {
+            #[cfg(target_arch = "x86_64")]
+            Arch::V4(unit) => unit.vectorize(With::<L, true>(vector_loop)),
+            #[cfg(target_arch = "x86_64")]
+            Arch::V3(unit) => unit.vectorize(With::<L, true>(vector_loop)),
+            #[cfg(target_arch = "aarch64")]
+            Arch::Neon(unit) => unit.vectorize(With::<L, true>(vector_loop)),
+            _ => vector_loop.call::<false>(),
+        }
+    }
+
+    /// Its name, for benches.
+    pub(crate) fn name(self) -> &'static str {
+        match self.0 {
+            #[cfg(target_arch = "x86_64")]
+            Arch::V4(_) => "AVX-512",
+            #[cfg(target_arch = "x86_64")]
+            Arch::V3(_) => "AVX2 with FMA",
+            #[cfg(target_arch = "aarch64")]
+            Arch::Neon(_) => "NEON",
+            _ => "baseline",
+        }
+    }
+}
+
+/// a·b + c.
+#[inline(always)]
+pub(crate) fn multiply_add<const FMA: bool>(a: f64, b: f64, c: f64) -> f64 {
+    if FMA { a.mul_add(b, c) } else { a * b + c }
+}
+
+/// The sum of eight numbers, pairwise.
+#[inline(always)]
+pub(crate) fn sum(lanes: &[f64; LANES]) -> f64 {
+    ((lanes[0] + lanes[4]) + (lanes[2] + lanes[6])) + ((lanes[1] + lanes[5]) + (lanes[3] + lanes[7]))
+}
+
+/// xᵀy; both of whole lanes.
+#[inline(always)]
+pub(crate) fn dot<const FMA: bool>(x: &[f64], y: &[f64]) -> f64 {
+    let (x, _) = x.as_chunks::<LANES>();
+    let (y, _) = y.as_chunks::<LANES>();
+    let mut sums = [[0.0; LANES]; 2];
+    for (i, (a, b)) in x.iter().zip(y).enumerate() {
+        let sums = &mut sums[i % 2];
+        for l in 0..LANES {
+            sums[l] = multiply_add::<FMA>(a[l], b[l], sums[l]);
+        }
+    }
+    let [even, odd] = sums;
+    sum(&std::array::from_fn(|l| even[l] + odd[l]))
+}
+
+/// e^{−r} for r ≥ 0, within 2 units in the last place; where that is below the smallest normal number, about that.
+///
+/// `e^{−r} = 2ⁿ e^s`, n the integer nearest to −r/ln 2, |s| ≤ ln 2 / 2, e^s by its series up to s¹³/13! (the next term is
+/// below 4·10⁻¹⁸). −r/ln 2 + 1.5·2⁵² has n in its lowest bits, from where it is shifted into the exponent.
+#[inline(always)]
+pub(crate) fn exp_of_minus<const FMA: bool>(r: f64) -> f64 {
+    const SHIFT: f64 = 6_755_399_441_055_744.0;
+    // ln 2 in two parts; the first has so few bits that its product with n is exact.
+    const LN_2_HIGH: f64 = 6.931_471_803_691_238e-1;
+    const LN_2_LOW: f64 = 1.908_214_929_270_587_7e-10;
+    const INVERSE_FACTORIALS: [f64; 13] = [
+        1.0 / 479_001_600.0,
+        1.0 / 39_916_800.0,
+        1.0 / 3_628_800.0,
+        1.0 / 362_880.0,
+        1.0 / 40_320.0,
+        1.0 / 5040.0,
+        1.0 / 720.0,
+        1.0 / 120.0,
+        1.0 / 24.0,
+        1.0 / 6.0,
+        0.5,
+        1.0,
+        1.0,
+    ];
+    let x = -r.min(708.0);
+    let shifted = multiply_add::<FMA>(x, std::f64::consts::LOG2_E, SHIFT);
+    let n = shifted - SHIFT;
+    let s = multiply_add::<FMA>(n, -LN_2_LOW, multiply_add::<FMA>(n, -LN_2_HIGH, x));
+    let mut series = 1.0 / 6_227_020_800.0;
+    for coefficient in INVERSE_FACTORIALS {
+        series = multiply_add::<FMA>(series, s, coefficient);
+    }
+    f64::from_bits(series.to_bits().wrapping_add(shifted.to_bits() << 52))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    struct Exps<'a>(&'a mut [f64]);
+
+    impl VectorLoop for Exps<'_> {
+        type Output = ();
+
+        #[inline(always)]
+        fn call<const FMA: bool>(self) {
+            self.0.iter_mut().for_each(|r| *r = exp_of_minus::<FMA>(*r));
+        }
+    }
+
+    #[test]
+    fn the_exponential_is_right_to_two_units_in_the_last_place() {
+        for unit in [VectorUnit::of_this_machine(), VectorUnit::baseline()] {
+            let arguments: Vec<f64> = (0..400_000)
+                .map(|i| i as f64 * 1.77e-3)
+                .chain([0.0, 1e-300, 1e-17, 1e-8, 0.346_573_590_279])
+                .collect();
+            let mut found = arguments.clone();
+            unit.run(Exps(&mut found));
+            for (r, found) in arguments.iter().zip(found) {
+                let expected = (-r).exp();
+                assert!(
+                    (found - expected).abs() <= 2.0 * f64::EPSILON * expected,
+                    "{r}: {found:e} {expected:e}"
+                );
+            }
+        }
+        let mut far = [709.0, 1e4, 1e300, f64::INFINITY];
+        VectorUnit::of_this_machine().run(Exps(&mut far));
+        assert!(far.iter().all(|&value| (0.0..1e-307).contains(&value)), "{far:?}");
+    }
+
+    #[test]
+    fn a_dot_product_has_every_term() {
+        struct Dot<'a>(&'a [f64], &'a [f64]);
+        impl VectorLoop for Dot<'_> {
+            type Output = f64;
+            #[inline(always)]
+            fn call<const FMA: bool>(self) -> f64 {
+                dot::<FMA>(self.0, self.1)
+            }
+        }
+        for n in [8, 16, 24, 80] {
+            let (x, y): (Vec<f64>, Vec<f64>) = (0..n).map(|i| (i as f64, (n - i) as f64)).unzip();
+            let expected: f64 = x.iter().zip(&y).map(|(x, y)| x * y).sum();
+            for unit in [VectorUnit::of_this_machine(), VectorUnit::baseline()] {
+                assert_eq!(unit.run(Dot(&x, &y)), expected);
+            }
+        }
+    }
+}

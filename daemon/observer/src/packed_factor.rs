@@ -1,0 +1,105 @@
+//! A lower triangular matrix in panels, for products at the speed of the memory.
+
+use crate::lanes::{LANES, Lanes, VectorLoop, multiply_add, sum, whole_lanes};
+use nalgebra::DMatrix;
+
+/// A lower triangular n×n matrix T. Eight rows are a panel; a panel's columns lie one after the other, so that
+/// the product is one stream of eight-fold multiply-adds. Above the diagonal and below row n are zeros.
+#[derive(Debug, Clone)]
+pub(crate) struct PackedFactor {
+    panels: Vec<Lanes>,
+}
+
+impl PackedFactor {
+    /// The lower triangle of a square matrix.
+    pub(crate) fn new(matrix: &DMatrix<f64>) -> Self {
+        let n = matrix.nrows();
+        let n_panels = whole_lanes(n) / LANES;
+        let mut panels = Vec::with_capacity(LANES * n_panels * (n_panels + 1) / 2);
+        for panel in 0..n_panels {
+            for column in 0..LANES * (panel + 1) {
+                panels.push(Lanes(std::array::from_fn(|l| {
+                    let row = LANES * panel + l;
+                    if row < n && column <= row { matrix[(row, column)] } else { 0.0 }
+                })));
+            }
+        }
+        Self { panels }
+    }
+
+    /// T_ij for j ≤ i.
+    pub(crate) fn entry(&self, i: usize, j: usize) -> f64 {
+        let panel = i / LANES;
+        self.panels[LANES * panel * (panel + 1) / 2 + j].0[i % LANES]
+    }
+
+    /// Bytes that a product reads.
+    pub(crate) fn bytes(&self) -> usize {
+        size_of_val(self.panels.as_slice())
+    }
+}
+
+/// φ = T k and φᵀφ; `x` and `product` of whole lanes.
+pub(crate) struct Product<'a> {
+    pub(crate) factor: &'a PackedFactor,
+    pub(crate) x: &'a [f64],
+    pub(crate) product: &'a mut [f64],
+}
+
+impl VectorLoop for Product<'_> {
+    type Output = f64;
+
+    #[inline(always)]
+    fn call<const FMA: bool>(self) -> f64 {
+        let mut rest = self.factor.panels.as_slice();
+        let mut squares = [0.0; LANES];
+        let (products, _) = self.product.as_chunks_mut::<LANES>();
+        for (panel, product) in products.iter_mut().enumerate() {
+            let (columns, below) = rest.split_at(LANES * (panel + 1));
+            let x = &self.x[..LANES * (panel + 1)];
+            // Four sums at a time: one multiply-add takes as long as four of them take to start.
+            let mut sums = [[0.0; LANES]; 4];
+            for (columns, x) in columns.as_chunks::<4>().0.iter().zip(x.as_chunks::<4>().0) {
+                for q in 0..4 {
+                    for l in 0..LANES {
+                        sums[q][l] = multiply_add::<FMA>(columns[q].0[l], x[q], sums[q][l]);
+                    }
+                }
+            }
+            for l in 0..LANES {
+                let entry = (sums[0][l] + sums[1][l]) + (sums[2][l] + sums[3][l]);
+                product[l] = entry;
+                squares[l] = multiply_add::<FMA>(entry, entry, squares[l]);
+            }
+            rest = below;
+        }
+        sum(&squares)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::lanes::VectorUnit;
+
+    #[test]
+    fn the_product_is_that_of_the_triangle() {
+        for n in [1, 7, 8, 9, 27, 64, 125] {
+            let matrix = DMatrix::from_fn(n, n, |i, j| ((i * 31 + j * 17) % 23) as f64 / 23.0 - 0.4);
+            let factor = PackedFactor::new(&matrix);
+            let mut x = vec![0.0; whole_lanes(n)];
+            (0..n).for_each(|i| x[i] = (i as f64 * 0.7).sin());
+            let expected = matrix.lower_triangle() * nalgebra::DVector::from_column_slice(&x[..n]);
+            for unit in [VectorUnit::of_this_machine(), VectorUnit::baseline()] {
+                let mut product = vec![f64::NAN; whole_lanes(n)];
+                let squares = unit.run(Product { factor: &factor, x: &x, product: &mut product });
+                for i in 0..n {
+                    assert!((product[i] - expected[i]).abs() < 1e-13, "n {n} row {i}");
+                    assert_eq!(factor.entry(i, i / 2), matrix[(i, i / 2)]);
+                }
+                assert!(product[n..].iter().all(|&rest| rest == 0.0));
+                assert!((squares - expected.norm_squared()).abs() <= 1e-12 * expected.norm_squared());
+            }
+        }
+    }
+}
