@@ -4,7 +4,7 @@
 //! Everything here is plain Rust over arrays of eight; `pulp` only compiles it several times. Sums run in a fixed
 //! order per machine, so the same samples give the same bits on the same machine.
 
-use pulp::{Arch, NullaryFnOnce};
+use pulp::{Arch, Simd, WithSimd};
 
 /// Numbers that are worked on together: one register of AVX-512, two of AVX2, four of NEON or SSE2.
 pub(crate) const LANES: usize = 8;
@@ -19,21 +19,21 @@ pub(crate) fn whole_lanes(n: usize) -> usize {
     n.next_multiple_of(LANES)
 }
 
-/// Something to be compiled for each vector unit; `FMA` says whether a·b + c is one instruction there.
+/// Something to be compiled for each vector unit.
 pub(crate) trait VectorLoop {
     type Output;
 
-    fn call<const FMA: bool>(self) -> Self::Output;
+    fn call<S: Simd>(self, simd: S) -> Self::Output;
 }
 
-struct With<L, const FMA: bool>(L);
+struct WithUnit<L>(L);
 
-impl<L: VectorLoop, const FMA: bool> NullaryFnOnce for With<L, FMA> {
+impl<L: VectorLoop> WithSimd for WithUnit<L> {
     type Output = L::Output;
 
     #[inline(always)]
-    fn call(self) -> L::Output {
-        self.0.call::<FMA>()
+    fn with_simd<S: Simd>(self, simd: S) -> L::Output {
+        self.0.call(simd)
     }
 }
 
@@ -56,15 +56,7 @@ impl VectorUnit {
     /// Runs a loop on it.
     #[inline(always)]
     pub(crate) fn run<L: VectorLoop>(self, vector_loop: L) -> L::Output {
-        match self.0 {
-            #[cfg(target_arch = "x86_64")]
-            Arch::V4(unit) => unit.vectorize(With::<L, true>(vector_loop)),
-            #[cfg(target_arch = "x86_64")]
-            Arch::V3(unit) => unit.vectorize(With::<L, true>(vector_loop)),
-            #[cfg(target_arch = "aarch64")]
-            Arch::Neon(unit) => unit.vectorize(With::<L, true>(vector_loop)),
-            _ => vector_loop.call::<false>(),
-        }
+        self.0.dispatch(WithUnit(vector_loop))
     }
 
     /// Its name, for benches.
@@ -81,10 +73,10 @@ impl VectorUnit {
     }
 }
 
-/// a·b + c.
+/// a·b + c, in one instruction where there is one.
 #[inline(always)]
-pub(crate) fn multiply_add<const FMA: bool>(a: f64, b: f64, c: f64) -> f64 {
-    if FMA { a.mul_add(b, c) } else { a * b + c }
+pub(crate) fn multiply_add<S: Simd>(a: f64, b: f64, c: f64) -> f64 {
+    if S::IS_SCALAR { a * b + c } else { a.mul_add(b, c) }
 }
 
 /// The sum of eight numbers, pairwise.
@@ -95,18 +87,13 @@ pub(crate) fn sum(lanes: &[f64; LANES]) -> f64 {
 
 /// xᵀy; both of whole lanes.
 #[inline(always)]
-pub(crate) fn dot<const FMA: bool>(x: &[f64], y: &[f64]) -> f64 {
-    let (x, _) = x.as_chunks::<LANES>();
-    let (y, _) = y.as_chunks::<LANES>();
-    let mut sums = [[0.0; LANES]; 2];
-    for (i, (a, b)) in x.iter().zip(y).enumerate() {
-        let sums = &mut sums[i % 2];
-        for l in 0..LANES {
-            sums[l] = multiply_add::<FMA>(a[l], b[l], sums[l]);
-        }
+pub(crate) fn dot<S: Simd>(simd: S, x: &[f64], y: &[f64]) -> f64 {
+    let ((x, _), (y, _)) = (S::as_simd_f64s(x), S::as_simd_f64s(y));
+    let mut sum = simd.splat_f64s(0.0);
+    for (&x, &y) in x.iter().zip(y) {
+        sum = simd.mul_add_e_f64s(x, y, sum);
     }
-    let [even, odd] = sums;
-    sum(&std::array::from_fn(|l| even[l] + odd[l]))
+    simd.reduce_sum_f64s(sum)
 }
 
 /// e^{−r} for r ≥ 0, within 2 units in the last place; where that is below the smallest normal number, about that.
@@ -114,7 +101,7 @@ pub(crate) fn dot<const FMA: bool>(x: &[f64], y: &[f64]) -> f64 {
 /// `e^{−r} = 2ⁿ e^s`, n the integer nearest to −r/ln 2, |s| ≤ ln 2 / 2, e^s by its series up to s¹³/13! (the next term is
 /// below 4·10⁻¹⁸). −r/ln 2 + 1.5·2⁵² has n in its lowest bits, from where it is shifted into the exponent.
 #[inline(always)]
-pub(crate) fn exp_of_minus<const FMA: bool>(r: f64) -> f64 {
+pub(crate) fn exp_of_minus<S: Simd>(r: f64) -> f64 {
     const SHIFT: f64 = 6_755_399_441_055_744.0;
     // ln 2 in two parts; the first has so few bits that its product with n is exact.
     const LN_2_HIGH: f64 = 6.931_471_803_691_238e-1;
@@ -135,12 +122,12 @@ pub(crate) fn exp_of_minus<const FMA: bool>(r: f64) -> f64 {
         1.0,
     ];
     let x = -r.min(708.0);
-    let shifted = multiply_add::<FMA>(x, std::f64::consts::LOG2_E, SHIFT);
+    let shifted = multiply_add::<S>(x, std::f64::consts::LOG2_E, SHIFT);
     let n = shifted - SHIFT;
-    let s = multiply_add::<FMA>(n, -LN_2_LOW, multiply_add::<FMA>(n, -LN_2_HIGH, x));
+    let s = multiply_add::<S>(n, -LN_2_LOW, multiply_add::<S>(n, -LN_2_HIGH, x));
     let mut series = 1.0 / 6_227_020_800.0;
     for coefficient in INVERSE_FACTORIALS {
-        series = multiply_add::<FMA>(series, s, coefficient);
+        series = multiply_add::<S>(series, s, coefficient);
     }
     f64::from_bits(series.to_bits().wrapping_add(shifted.to_bits() << 52))
 }
@@ -155,8 +142,8 @@ mod tests {
         type Output = ();
 
         #[inline(always)]
-        fn call<const FMA: bool>(self) {
-            self.0.iter_mut().for_each(|r| *r = exp_of_minus::<FMA>(*r));
+        fn call<S: Simd>(self, _: S) {
+            self.0.iter_mut().for_each(|r| *r = exp_of_minus::<S>(*r));
         }
     }
 
@@ -188,8 +175,8 @@ mod tests {
         impl VectorLoop for Dot<'_> {
             type Output = f64;
             #[inline(always)]
-            fn call<const FMA: bool>(self) -> f64 {
-                dot::<FMA>(self.0, self.1)
+            fn call<S: Simd>(self, simd: S) -> f64 {
+                dot(simd, self.0, self.1)
             }
         }
         for n in [8, 16, 24, 80] {

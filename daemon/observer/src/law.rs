@@ -18,11 +18,12 @@
 //! | Γ_f | `adaptation_rate` | m×m | the input's, per second and unit of output |
 //! | θ, φ | `weights`, `features` | N×m, N | the input's; 1 |
 
-use crate::lanes::{LANES, VectorLoop, dot, multiply_add, sum};
+use crate::lanes::{VectorLoop, dot};
 use crate::native_space::FeatureBuffers;
 use crate::stability::StepLimit;
 use crate::{DeadZone, NativeSpace};
 use nalgebra::{SMatrix, SVector};
+use pulp::Simd;
 
 /// At run time σ is held below this part of what the sampled-data bound allows: the bound itself is where
 /// an error changes sign for ever.
@@ -259,8 +260,8 @@ impl<const M: usize> VectorLoop for Value<'_, M> {
     type Output = SVector<f64, M>;
 
     #[inline(always)]
-    fn call<const FMA: bool>(self) -> SVector<f64, M> {
-        SVector::from_fn(|axis, _| dot::<FMA>(&self.weights[axis], self.features))
+    fn call<S: Simd>(self, simd: S) -> SVector<f64, M> {
+        SVector::from_fn(|axis, _| dot(simd, &self.weights[axis], self.features))
     }
 }
 
@@ -274,8 +275,8 @@ impl VectorLoop for Dot<'_> {
     type Output = f64;
 
     #[inline(always)]
-    fn call<const FMA: bool>(self) -> f64 {
-        dot::<FMA>(self.x, self.y)
+    fn call<S: Simd>(self, simd: S) -> f64 {
+        dot(simd, self.x, self.y)
     }
 }
 
@@ -290,18 +291,17 @@ impl<const M: usize> VectorLoop for Update<'_, M> {
     type Output = f64;
 
     #[inline(always)]
-    fn call<const FMA: bool>(self) -> f64 {
-        let mut squares = [0.0; LANES];
-        let (features, _) = self.features.as_chunks::<LANES>();
+    fn call<S: Simd>(self, simd: S) -> f64 {
+        let (features, _) = S::as_simd_f64s(self.features);
+        let mut squares = simd.splat_f64s(0.0);
         for (theta, &increment) in self.weights.iter_mut().zip(self.increment) {
-            let (theta, _) = theta.as_chunks_mut::<LANES>();
-            for (weights, features) in theta.iter_mut().zip(features) {
-                for l in 0..LANES {
-                    weights[l] = multiply_add::<FMA>(features[l], increment, weights[l]);
-                    squares[l] = multiply_add::<FMA>(weights[l], weights[l], squares[l]);
-                }
+            let (theta, _) = S::as_mut_simd_f64s(theta);
+            let increment = simd.splat_f64s(increment);
+            for (weight, &feature) in theta.iter_mut().zip(features) {
+                *weight = simd.mul_add_e_f64s(feature, increment, *weight);
+                squares = simd.mul_add_e_f64s(*weight, *weight, squares);
             }
         }
-        sum(&squares)
+        simd.reduce_sum_f64s(squares)
     }
 }

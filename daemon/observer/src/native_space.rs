@@ -14,10 +14,11 @@
 use crate::box_search::{Supremum, supremum_over_box};
 use crate::centers::weighted_distance;
 use crate::kernel::RadialFunction;
-use crate::lanes::{LANES, Lanes, VectorLoop, VectorUnit, multiply_add, whole_lanes};
+use crate::lanes::{VectorLoop, VectorUnit, multiply_add, whole_lanes};
 use crate::packed_factor::{PackedFactor, Product};
 use crate::{Centers, DesignError, Kernel, NativeFunction, Parameter};
 use nalgebra::DMatrix;
+use pulp::Simd;
 
 /// ℓ: how far from a center its knowledge reaches, in the output's unit.
 #[derive(Debug, Clone, PartialEq)]
@@ -96,7 +97,7 @@ pub struct NativeSpace {
     centers: Centers,
     bounding_box: (Vec<f64>, Vec<f64>),
     /// Coordinates of the centers over their length scales: one run per axis, of whole lanes.
-    scaled_coordinates: Vec<Vec<Lanes>>,
+    scaled_coordinates: Vec<Vec<f64>>,
     /// R⁻¹.
     inverse_factor: PackedFactor,
     gram_condition: f64,
@@ -127,8 +128,9 @@ impl NativeSpace {
         }
         let n = centers.n_centers();
         let axis_run = |(axis, scale): (usize, &f64)| {
-            let run: Vec<f64> = centers.points().map(|p| p[axis] * scale).collect();
-            in_lanes(&run)
+            let mut run: Vec<f64> = centers.points().map(|p| p[axis] * scale).collect();
+            run.resize(whole_lanes(n), 0.0);
+            run
         };
         let mut space = Self {
             scaled_coordinates: kernel.inverse_length_scales.iter().enumerate().map(axis_run).collect(),
@@ -222,7 +224,7 @@ impl NativeSpace {
     pub fn kernel_vector(&self, y: &[f64]) -> Vec<f64> {
         let mut buffers = FeatureBuffers::new(self);
         self.features(y, &mut buffers);
-        buffers.kernel_vector.as_flattened()[..self.n_centers()].to_vec()
+        buffers.kernel_vector[..self.n_centers()].to_vec()
     }
 
     /// φ(y) = R⁻¹ k(y) into `buffers`, and φᵀφ. No allocation.
@@ -360,7 +362,7 @@ impl NativeSpace {
 /// What one evaluation of the features works in.
 #[derive(Debug, Clone)]
 pub struct FeatureBuffers {
-    kernel_vector: Vec<[f64; LANES]>,
+    kernel_vector: Vec<f64>,
     features: Vec<f64>,
 }
 
@@ -368,7 +370,7 @@ impl FeatureBuffers {
     /// Buffers for a space.
     pub fn new(space: &NativeSpace) -> Self {
         let n = space.n_padded();
-        Self { kernel_vector: vec![[0.0; LANES]; n / LANES], features: vec![0.0; n] }
+        Self { kernel_vector: vec![0.0; n], features: vec![0.0; n] }
     }
 
     /// φ of the newest evaluation, of whole lanes.
@@ -388,35 +390,23 @@ impl VectorLoop for Features<'_> {
     type Output = f64;
 
     #[inline(always)]
-    fn call<const FMA: bool>(self) -> f64 {
+    fn call<S: Simd>(self, simd: S) -> f64 {
         let Self { space, y, buffers } = self;
-        let kernel = &space.kernel;
-        kernel.radial.replace_squares::<FMA>(&mut buffers.kernel_vector, |i| {
-            let mut squares = [0.0; LANES];
-            for ((coordinates, scale), y) in
-                space.scaled_coordinates.iter().zip(&kernel.inverse_length_scales).zip(y)
-            {
-                let (x, y) = (&coordinates[i].0, y * scale);
-                for l in 0..LANES {
-                    let distance = x[l] - y;
-                    squares[l] = multiply_add::<FMA>(distance, distance, squares[l]);
-                }
+        let FeatureBuffers { kernel_vector, features } = buffers;
+        kernel_vector.fill(0.0);
+        for ((coordinates, scale), y) in
+            space.scaled_coordinates.iter().zip(&space.kernel.inverse_length_scales).zip(y)
+        {
+            let y = y * scale;
+            for (square, x) in kernel_vector.iter_mut().zip(coordinates) {
+                let distance = x - y;
+                *square = multiply_add::<S>(distance, distance, *square);
             }
-            squares
-        });
-        let product = Product {
-            factor: &space.inverse_factor,
-            x: buffers.kernel_vector.as_flattened(),
-            product: &mut buffers.features,
-        };
-        product.call::<FMA>()
+        }
+        space.kernel.radial.replace_squares::<S>(kernel_vector);
+        let product = Product { factor: &space.inverse_factor, x: kernel_vector, product: features };
+        product.call(simd)
     }
-}
-
-fn in_lanes(run: &[f64]) -> Vec<Lanes> {
-    run.chunks(LANES)
-        .map(|chunk| Lanes(std::array::from_fn(|l| chunk.get(l).copied().unwrap_or(0.0))))
-        .collect()
 }
 
 /// The largest eigenvalue of a symmetric positive semidefinite matrix, by power iteration.

@@ -2,6 +2,7 @@
 
 use crate::lanes::{LANES, Lanes, VectorLoop, multiply_add, sum, whole_lanes};
 use nalgebra::DMatrix;
+use pulp::Simd;
 
 /// A lower triangular n×n matrix T. Eight rows are a panel; a panel's columns lie one after the other, so that
 /// the product is one stream of eight-fold multiply-adds. Above the diagonal and below row n are zeros.
@@ -50,7 +51,7 @@ impl VectorLoop for Product<'_> {
     type Output = f64;
 
     #[inline(always)]
-    fn call<const FMA: bool>(self) -> f64 {
+    fn call<S: Simd>(self, _: S) -> f64 {
         let mut rest = self.factor.panels.as_slice();
         let mut squares = [0.0; LANES];
         let (products, _) = self.product.as_chunks_mut::<LANES>();
@@ -62,14 +63,14 @@ impl VectorLoop for Product<'_> {
             for (columns, x) in columns.as_chunks::<4>().0.iter().zip(x.as_chunks::<4>().0) {
                 for q in 0..4 {
                     for l in 0..LANES {
-                        sums[q][l] = multiply_add::<FMA>(columns[q].0[l], x[q], sums[q][l]);
+                        sums[q][l] = multiply_add::<S>(columns[q].0[l], x[q], sums[q][l]);
                     }
                 }
             }
             for l in 0..LANES {
                 let entry = (sums[0][l] + sums[1][l]) + (sums[2][l] + sums[3][l]);
                 product[l] = entry;
-                squares[l] = multiply_add::<FMA>(entry, entry, squares[l]);
+                squares[l] = multiply_add::<S>(entry, entry, squares[l]);
             }
             rest = below;
         }
