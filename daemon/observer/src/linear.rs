@@ -607,6 +607,44 @@ mod tests {
         }
     }
 
+    /// The bound of the law itself, with its clamp out of the way: the oscillator at rest at y = 0, σ ≡ 1, nothing to learn.
+    #[test]
+    fn one_percent_inside_of_the_general_bound_the_law_settles_and_one_percent_outside_it_diverges() {
+        let unlimited = StepLimit::OfEveryStep { largest_gain_s: f64::INFINITY };
+        let dead_zone = DeadZone::new(DeadZoneShape::Step, 0.0, 1.0).unwrap();
+        let design = oscillator();
+        let space =
+            NativeSpace::new(design.kernel, &design.length_scale, design.centers.clone(), 0.0).unwrap();
+        let squared_features = space.value_at_zero() - space.power_function_at(&[0.0]).powi(2);
+        let (at_rest, no_input) = (LinearOutput::zeros(), LinearOutput::zeros());
+        let last_error = |h_s: f64, factor: f64| {
+            let scale = factor * largest_gain(&design, h_s) / (h_s * squared_features);
+            let mut law =
+                Law::new(space.clone(), dead_zone, padded(&(scale * &design.adaptation_rate)), unlimited);
+            let mut plant = LinearPlant::new(&design);
+            let mut state = padded::<MAX_STATES, 1>(&matrix(2, &[0.1, -0.2]));
+            let mut last = 0.0_f64;
+            for j in 0..20_000 {
+                law.observe(&at_rest, &plant.output(&state));
+                let learning = law.learning(h_s);
+                assert!(!learning.clamped && learning.activation == 1.0);
+                let force = no_input + law.matched_force(&learning);
+                law.learn(&learning);
+                state = plant.follow(&Moment { stamp_ns: 0, state }, &at_rest, &force, h_s);
+                if state.norm() > 1e6 {
+                    return f64::INFINITY;
+                }
+                last = if j >= 18_000 { last.max(state.norm()) } else { last };
+            }
+            last
+        };
+        for h_s in [0.005, 0.05] {
+            let inside = last_error(h_s, 0.99);
+            assert!(inside < 1e-3, "h {h_s}: {inside}");
+            assert_eq!(last_error(h_s, 1.01), f64::INFINITY, "h {h_s}");
+        }
+    }
+
     #[test]
     fn designs_that_cannot_work_are_refused_by_name() {
         type Change = fn(&mut LinearDesign);

@@ -108,8 +108,8 @@ impl LyapunovFunction {
         function_error.inner_product(&function_error.transformed(&self.inverse_adaptation_rate))
     }
 
-    /// V_σ(e, f̃) = p ‖e‖-wise `∫₀^{p‖e‖²} σ(√(s/p)) ds = 2p ∫₀^{‖e‖} σ(r) r dr`, and the same second part; `None` where
-    /// P is not pI or C not I, and V_σ need not fall.
+    /// V_σ(e, f̃) = 2p ∫₀^{‖e‖} σ(r) r dr + ⟨f̃, Γ_f⁻¹ f̃⟩_H, where r = √(s/p) in the integral above; `None` where P is not pI
+    /// or C not I: then V_σ need not fall.
     pub fn value_in_dead_zone(
         &self,
         error: &DVector<f64>,
@@ -153,5 +153,192 @@ impl LyapunovFunction {
     ) -> f64 {
         let value = DVector::from_vec(residual.value(output.as_slice()));
         2.0 * activation * value.dot(&(&self.c * error + noise))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{Centers, Kernel, LengthScale, NativeSpace, ScaledKernel};
+
+    /// Entries in [−1, 1], the same in every run.
+    fn random(rows: usize, columns: usize, seed: u64) -> DMatrix<f64> {
+        let mut state = seed;
+        DMatrix::from_fn(rows, columns, |_, _| {
+            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            (state >> 11) as f64 / (1_u64 << 52) as f64 - 1.0
+        })
+    }
+
+    fn random_vector(n: usize, seed: u64) -> DVector<f64> {
+        random(n, 1, seed).column(0).into_owned()
+    }
+
+    fn positive_definite(n: usize, seed: u64) -> DMatrix<f64> {
+        let factor = random(n, n, seed);
+        &factor * factor.transpose() + 0.3 * DMatrix::identity(n, n)
+    }
+
+    /// A strictly positive real plant with n = 3, m = 2 and a matrix P with PB = Cᵀ, made from P, Q and B; and where it is.
+    struct Case {
+        p: DMatrix<f64>,
+        a_e: DMatrix<f64>,
+        b: DMatrix<f64>,
+        c: DMatrix<f64>,
+        gain: DMatrix<f64>,
+        rate: DMatrix<f64>,
+        error: DVector<f64>,
+        output: DVector<f64>,
+        noise: DVector<f64>,
+        function_error: NativeFunction,
+        activation: f64,
+    }
+
+    fn kernel() -> ScaledKernel {
+        let matern = Kernel::SobolevMatern { dimension: 2, order: 2 };
+        ScaledKernel::new(matern, &LengthScale::Isotropic(0.7), 2).unwrap()
+    }
+
+    fn case(seed: u64) -> Case {
+        let (n, m, seed) = (3, 2, 1000 * seed);
+        let (p, q) = (positive_definite(n, seed + 1), positive_definite(n, seed + 2));
+        let skew = random(n, n, seed + 3);
+        let skew = &skew - skew.transpose();
+        let b = random(n, m, seed + 4);
+        let mut function_error = NativeFunction::zero(kernel(), m);
+        for i in 0..6 {
+            let (z, a) = (random_vector(m, seed + 10 + i), random_vector(m, seed + 20 + i));
+            function_error.add(z.as_slice(), a.as_slice());
+        }
+        Case {
+            a_e: p.clone().try_inverse().unwrap() * (-0.5 * q + skew),
+            c: b.tr_mul(&p),
+            gain: random(n, m, seed + 5),
+            rate: positive_definite(m, seed + 6),
+            error: random_vector(n, seed + 7),
+            output: random_vector(m, seed + 8),
+            noise: random_vector(m, seed + 9),
+            activation: random(1, 1, seed + 30)[0].abs(),
+            function_error,
+            p,
+            b,
+        }
+    }
+
+    impl Case {
+        fn lyapunov(&self) -> LyapunovFunction {
+            LyapunovFunction::new(self.p.clone(), &self.a_e, &self.gain, self.c.clone(), &self.rate)
+        }
+
+        fn force_error(&self) -> DVector<f64> {
+            DVector::from_vec(self.function_error.value(self.output.as_slice()))
+        }
+
+        /// A_e e + B f̃(y) − Lδ.
+        fn error_rate(&self) -> DVector<f64> {
+            &self.a_e * &self.error + &self.b * self.force_error() - &self.gain * &self.noise
+        }
+
+        /// f̃ − τ σ 𝒦(y,·) Γ_f ỹ.
+        fn function_error_after(&self, tau: f64) -> NativeFunction {
+            let output_error = &self.c * &self.error + &self.noise;
+            let taught = -tau * self.activation * (&self.rate * output_error);
+            let mut after = self.function_error.clone();
+            after.add(self.output.as_slice(), taught.as_slice());
+            after
+        }
+    }
+
+    /// Central difference of a quadratic: exact but for rounding, 1e-16 V/τ.
+    const TAU: f64 = 1e-3;
+
+    #[test]
+    fn the_four_terms_sum_to_the_derivative_of_v_on_any_positive_real_plant() {
+        for seed in 1..=20 {
+            let case = case(seed);
+            let v = case.lyapunov();
+            let at =
+                |tau: f64| v.value(&(&case.error + tau * case.error_rate()), &case.function_error_after(tau));
+            let derivative = (at(TAU) - at(-TAU)) / (2.0 * TAU);
+            let rate = v.rate(&case.error, &case.function_error, &case.output, &case.noise, case.activation);
+            let size = at(0.0) + case.error_rate().norm_squared();
+            assert!((rate.sum() - derivative).abs() < 1e-9 * size, "{seed}: {rate:?} {derivative}");
+            // Each term matters: without it the sum would be wrong.
+            for term in [rate.decay, rate.noise, rate.dead_zone, rate.dropped] {
+                assert!(term.abs() > 1e-6 * size, "{seed}: {rate:?}");
+            }
+        }
+    }
+
+    /// In e_δ = e + B(CB)⁻¹δ, for which Ce_δ is the measured ỹ, nothing is dropped:
+    ///
+    /// `V(e_δ)' = −e_δᵀQe_δ + 2(1 − σ)⟨f̃(y), ỹ⟩ + 2e_δᵀP(Dδ' − ADδ),   D = B(CB)⁻¹,  A = A_e + LC`.
+    #[test]
+    fn in_the_error_shifted_by_the_noise_v_has_no_dropped_term() {
+        for seed in 1..=20 {
+            let case = case(seed);
+            let v = case.lyapunov();
+            let noise_rate = random_vector(2, seed);
+            let shift = &case.b * (&case.c * &case.b).try_inverse().unwrap();
+            let shifted = &case.error + &shift * &case.noise;
+            let at = |tau: f64| {
+                let error = &shifted + tau * (case.error_rate() + &shift * &noise_rate);
+                v.value(&error, &case.function_error_after(tau))
+            };
+            let derivative = (at(TAU) - at(-TAU)) / (2.0 * TAU);
+            let a = &case.a_e + &case.gain * &case.c;
+            let disturbance = &shift * &noise_rate - a * &shift * &case.noise;
+            let output_error = &case.c * &case.error + &case.noise;
+            assert!((&case.c * &shifted - &output_error).amax() < 1e-9 * (1.0 + shifted.amax()));
+            let q = -(case.a_e.tr_mul(&case.p) + &case.p * &case.a_e);
+            let expected = -shifted.dot(&(q * &shifted))
+                + 2.0 * (1.0 - case.activation) * case.force_error().dot(&output_error)
+                + 2.0 * shifted.dot(&(&case.p * disturbance));
+            let size = at(0.0) + derivative.abs() + shifted.norm_squared();
+            assert!((expected - derivative).abs() < 1e-8 * size, "{seed}: {expected} {derivative}");
+        }
+    }
+
+    /// The law on the centers learns Π_N E_y* ỹ; with f outside of H_N its V' has the residual's term too.
+    #[test]
+    fn the_residual_term_is_what_the_projection_leaves() {
+        let centers = Centers::lattice([-1.0; 2], [1.0; 2], [3; 2]).unwrap();
+        let matern = Kernel::SobolevMatern { dimension: 2, order: 2 };
+        let space = NativeSpace::new(matern, &LengthScale::Isotropic(0.7), centers, 0.0).unwrap();
+        for seed in 1..=20 {
+            let case = case(seed);
+            let v = case.lyapunov();
+            // f̂_N = 0 here, so that f̃ = f and its residual is f's.
+            let projected = space.function(&space.projection(&case.function_error));
+            let residual = case.function_error.minus(&projected);
+            let at = |tau: f64| {
+                let output_error = &case.c * &case.error + &case.noise;
+                let taught = tau * case.activation * (&case.rate * output_error);
+                let adjoint =
+                    NativeFunction::evaluation_adjoint(kernel(), case.output.as_slice(), taught.as_slice());
+                let learned = space.function(&space.projection(&adjoint));
+                v.value(&(&case.error + tau * case.error_rate()), &case.function_error.minus(&learned))
+            };
+            let derivative = (at(TAU) - at(-TAU)) / (2.0 * TAU);
+            let rate = v.rate(&case.error, &case.function_error, &case.output, &case.noise, case.activation);
+            let left = v.residual_term(&case.error, &residual, &case.output, &case.noise, case.activation);
+            let size = at(0.0) + case.error_rate().norm_squared();
+            assert!((rate.sum() + left - derivative).abs() < 1e-9 * size, "{seed}");
+            assert!(left.abs() > 1e-6 * size, "{seed}: {left}");
+        }
+    }
+
+    #[test]
+    fn there_is_no_function_for_the_dead_zone_where_p_has_directions() {
+        let zone = DeadZone::new(crate::DeadZoneShape::Saturated, 0.1, 0.1).unwrap();
+        let case = case(1);
+        let e = DVector::from_vec(vec![0.3, -0.4]);
+        assert!(case.lyapunov().value_in_dead_zone(&case.error, &case.function_error, &zone).is_none());
+        let identity = DMatrix::<f64>::identity(2, 2);
+        let isotropic =
+            LyapunovFunction::new(2.5 * &identity, &-&identity, &identity, identity.clone(), &identity);
+        let found = isotropic.value_in_dead_zone(&e, &case.function_error, &zone).unwrap();
+        let expected = 5.0 * zone.first_moment(0.5) + case.function_error.norm().powi(2);
+        assert!((found - expected).abs() < 1e-12 * expected);
     }
 }
