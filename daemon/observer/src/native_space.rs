@@ -358,7 +358,7 @@ impl NativeSpace {
         let coefficients = self.coefficients(weights);
         let mut function = NativeFunction::zero(self.kernel.clone(), weights.len());
         for (xi, row) in self.centers.points().zip(coefficients.row_iter()) {
-            function.add(xi, &row.transpose().as_slice().to_vec());
+            function.add(xi, row.transpose().as_slice());
         }
         function
     }
