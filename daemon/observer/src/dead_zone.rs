@@ -110,8 +110,8 @@ impl DeadZone {
 mod tests {
     use super::*;
 
-    /// Against Simpson's rule on 2000 intervals of each of the pieces, on which σ(r) r is a polynomial: its error is
-    /// that of the fifth power at most, 1e-13 of the integral.
+    /// Against Simpson's rule on 2000 intervals of each of the pieces, on which σ(r) r is a polynomial: its
+    /// error is that of the fifth power at most, 1e-13 of the integral.
     #[test]
     fn the_first_moment_is_the_integral() {
         for shape in [DeadZoneShape::Quadratic, DeadZoneShape::Saturated, DeadZoneShape::Step] {

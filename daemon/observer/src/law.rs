@@ -269,8 +269,9 @@ mod tests {
         PredictThenUpdate,
     }
 
-    /// A channel whose run-time clamp is out of the way: σ ≡ 1, `factor` times the adaptation rate at which the bound on
-    /// the sampled law says that the fastest direction of M⁻¹Γ_f begins to diverge where the output stays at `HELD`.
+    /// A channel whose run-time clamp is out of the way: σ ≡ 1, `factor` times the adaptation rate at which the
+    /// bound on the sampled law says that the fastest direction of M⁻¹Γ_f begins to diverge where the output
+    /// stays at `HELD`.
     fn unlimited_channel(
         inertia: Matrix3<f64>,
         rate: Matrix3<f64>,
@@ -301,8 +302,8 @@ mod tests {
         (Law::new(law.space().clone(), dead_zone, scale * rate, UNLIMITED), integrator)
     }
 
-    /// The largest output error in the first and in the last tenth of a run at a frozen output, with nothing to learn.
-    /// Stops early, with +∞, where it has grown a million times.
+    /// The largest output error in the first and in the last tenth of a run at a frozen output, with nothing to
+    /// learn. Stops early, with +∞, where it has grown a million times.
     fn first_and_last_error(
         (mut law, integrator): (Law<3>, Integrator),
         h_s: f64,
@@ -356,8 +357,8 @@ mod tests {
         }
     }
 
-    /// Predict first, and determinant E + b h g/m of the error's map passes 1 at g h = λ m: 2 (1 + E)/(1 − E) ≈ 4/(λh) times
-    /// earlier, 80 times at λ = 10 1/s and 200 Hz, 400 times at λ = 2 1/s.
+    /// Predict first, and determinant E + b h g/m of the error's map passes 1 at g h = λ m: 2 (1 + E)/(1 − E) ≈
+    /// 4/(λh) times earlier, 80 times at λ = 10 1/s and 200 Hz, 400 times at λ = 2 1/s.
     #[test]
     fn predicting_before_the_update_diverges_at_a_rate_eighty_to_four_hundred_times_lower() {
         let (inertia, rate) = (Matrix3::identity() * 4.0, Matrix3::identity());

@@ -607,7 +607,8 @@ mod tests {
         }
     }
 
-    /// The bound of the law itself, with its clamp out of the way: the oscillator at rest at y = 0, σ ≡ 1, nothing to learn.
+    /// The bound of the law itself, with its clamp out of the way: the oscillator at rest at y = 0, σ ≡ 1,
+    /// nothing to learn.
     #[test]
     fn one_percent_inside_of_the_general_bound_the_law_settles_and_one_percent_outside_it_diverges() {
         let unlimited = StepLimit::OfEveryStep { largest_gain_s: f64::INFINITY };
@@ -645,9 +646,9 @@ mod tests {
         }
     }
 
-    /// e' = A_e e − Lδ + ξ of random strictly positive real plants, exact for held δ and ξ: switched at random, and always to
-    /// where V grows most. With f̃ = 0, V falls outside of the ball of radius E₀, hence ‖e‖ ≤ √cond(P) E₀ in the end; the ball
-    /// itself is no level set of V.
+    /// e' = A_e e − Lδ + ξ of random strictly positive real plants, exact for held δ and ξ: switched at random,
+    /// and always to where V grows most. With f̃ = 0, V falls outside of the ball of radius E₀, hence ‖e‖ ≤
+    /// √cond(P) E₀ in the end; the ball itself is no level set of V.
     #[test]
     fn noise_and_disturbances_within_their_bounds_keep_the_error_within_e0_times_the_root_of_the_condition_of_p()
      {

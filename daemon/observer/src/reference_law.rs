@@ -9,7 +9,8 @@
 //! step costs as many kernel values as there were steps that learned.
 //!
 //! # Source
-//! Niu et al., eq. (adaptive law infinite dim), sampled as [`crate::Law`] is: y and ỹ held over the step, update first.
+//! Niu et al., eq. (adaptive law infinite dim), sampled as [`crate::Law`] is: y and ỹ held over the step,
+//! update first.
 
 use crate::{DeadZone, NativeFunction, ScaledKernel};
 use nalgebra::{SMatrix, SVector};
@@ -36,8 +37,8 @@ pub struct ReferenceStep<const M: usize> {
 }
 
 impl<const M: usize> ReferenceLaw<M> {
-    /// f̂ = 0 in the space of `kernel` on ℝ^M; Γ_f = `adaptation_rate`, symmetric positive definite. σ is not held down
-    /// for the sampled law's stability: that is the caller's to see to.
+    /// f̂ = 0 in the space of `kernel` on ℝ^M; Γ_f = `adaptation_rate`, symmetric positive definite. σ is not
+    /// held down for the sampled law's stability: that is the caller's to see to.
     pub fn new(kernel: ScaledKernel, dead_zone: DeadZone, adaptation_rate: SMatrix<f64, M, M>) -> Self {
         Self { dead_zone, adaptation_rate, function: NativeFunction::zero(kernel, M) }
     }

@@ -1,12 +1,13 @@
 //! E₀ and d_N: where they are exact, where they hold, and where they do not.
 
-use crate::{NOISE_BOUND, Random, channel, dynamic, isotropic, space_of, zone};
+use crate::{NOISE_BOUND, Random, channel, dynamic, full_inertia, isotropic, space_of, zone};
 use nalgebra::{DMatrix, DVector, Matrix2, Vector2, Vector3};
 use observer::*;
 
 const H_S: f64 = 0.001;
 
-/// A body at rest: u = −ξ holds it there, and y = δ. Then m v̂' = −mλ v̂ + mλδ − ξ, so that e = −v̂ settles at −δ + ξ/(λm).
+/// A body at rest: u = −ξ holds it there, and y = δ. Then m v̂' = −mλ v̂ + mλδ − ξ, so that e = −v̂ settles at
+/// −δ + ξ/(λm).
 fn settled_error(design: &ChannelDesign, noise: Vector3<f64>, force: Vector3<f64>, frozen: bool) -> f64 {
     let mut channel = Channel::new(design).unwrap();
     channel.law.set_frozen(frozen);
@@ -32,7 +33,8 @@ fn constant_noise_and_force_bring_a_frozen_channel_to_exactly_e0() {
     assert!((e0(bounds) - (0.02 + 0.6 / 40.0)).abs() < 1e-12);
     let without_force = e0(DisturbanceBounds { unmatched: 0.0, ..bounds });
     assert!(error > 1.7 * without_force, "what the paper's E₀ leaves out: {without_force}");
-    // By learning alone a constant δ cannot be told from a velocity: ỹ → 0, e → −δ, twice the E₀ that the paper prints.
+    // By learning alone a constant δ cannot be told from a velocity: ỹ → 0, e → −δ, twice the E₀ that the paper
+    // prints.
     let (rate, dead_zone) = (isotropic(100.0), zone(DeadZoneShape::Step, 0.0));
     let learning = ChannelDesign { adaptation_rate: rate, dead_zone, ..design.clone() };
     let biased = settled_error(&learning, 0.02 * direction, Vector3::zeros(), false);
@@ -40,10 +42,82 @@ fn constant_noise_and_force_bring_a_frozen_channel_to_exactly_e0() {
     assert!((biased - 0.02).abs() < 1e-6 && biased > 1.99 * printed, "{biased} {printed}");
 }
 
-/// Theorem 1 on a body with different masses along its axes and a Coriolis force: M v' = (S − cI) v + u + f, M = diag(1, ¼) kg,
-/// S = s [[0, 1], [−1, 0]], with C = I, L = λM⁻¹. PB = Cᵀ leaves P = M alone; Q = 2(c + λ) I and E₀ = δ̄ λ/(c + λ).
-/// f = 0, f̂ = 0, and δ = −δ̄ e/‖e‖: the error swirls along ellipses V = const, and where it crosses their long axis, outside
-/// of the ball, for ever.
+/// A channel is a linear plant: both ways to its certificate give the same, where the masses differ too.
+#[test]
+fn the_certificate_of_a_channel_is_that_of_its_linear_plant() {
+    let bounds = DisturbanceBounds { noise: 0.02, ..DisturbanceBounds::default() };
+    let design =
+        ChannelDesign { bounds, ..channel(full_inertia(), isotropic(1.0), zone(DeadZoneShape::Step, 0.02)) };
+    let identity = DMatrix::<f64>::identity(3, 3);
+    let observer = LinearObserver::new(&LinearDesign {
+        a: DMatrix::zeros(3, 3),
+        b: dynamic(&design.inertia).try_inverse().unwrap(),
+        c: identity.clone(),
+        gain: design.gain_per_s * &identity,
+        kernel: design.kernel,
+        length_scale: design.length_scale.clone(),
+        centers: design.centers.clone(),
+        nugget: 0.0,
+        adaptation_rate: identity,
+        dead_zone: design.dead_zone,
+        bounds,
+        hold_s: design.hold_s,
+        coast_step_s: design.coast_step_s,
+        initial_state: None,
+    })
+    .unwrap();
+    let (channels, plants) = (Certificate::of_channel(&design, &space_of(&design)), observer.certificate());
+    assert!((channels.lambda_min / plants.lambda_min - 1.0).abs() < 1e-9);
+    assert!((channels.e0() / plants.e0() - 1.0).abs() < 1e-9);
+    // cond(M) δ̄. Coarse: with f̃ = 0, e' = −λ(e + δ) keeps ‖e‖ ≤ δ̄.
+    let masses = full_inertia().symmetric_eigenvalues();
+    assert!((channels.e0() / (0.02 * masses.max() / masses.min()) - 1.0).abs() < 1e-9);
+}
+
+/// The paper's d_N has a ‖C‖ before ‖PL‖δ̄ that V' has not: a bound on ‖Ce‖, not on ‖e‖. With C = ½, f = 0 and
+/// a constant δ = δ̄, ‖e‖ = δ̄/C = E₀ for ever, twice a dead zone that satisfies Theorem 2's condition.
+#[test]
+fn the_papers_d_n_bounds_the_output_error_and_not_the_state_error() {
+    let one = |entry: f64| DMatrix::from_element(1, 1, entry);
+    let (c, noise_bound) = (0.5, 0.02);
+    let mut observer = LinearObserver::new(&LinearDesign {
+        a: one(0.0),
+        b: one(0.25),
+        c: one(c),
+        gain: one(10.0),
+        kernel: Kernel::SobolevMatern { dimension: 1, order: 2 },
+        length_scale: LengthScale::Isotropic(1.0),
+        centers: Centers::lattice([-1.0], [1.0], [5]).unwrap(),
+        nugget: 0.0,
+        adaptation_rate: one(10.0),
+        dead_zone: zone(DeadZoneShape::Saturated, 1.02 * noise_bound),
+        bounds: DisturbanceBounds { noise: noise_bound, ..DisturbanceBounds::default() },
+        hold_s: 1.5 * H_S,
+        coast_step_s: H_S,
+        initial_state: Some(DVector::zeros(1)),
+    })
+    .unwrap();
+    let certificate = *observer.certificate();
+    let papers_d_n =
+        2.0 * certificate.output_norm * certificate.pl_norm * noise_bound / certificate.lambda_min;
+    assert!((papers_d_n - noise_bound).abs() < 1e-12 && certificate.dead_zone_width > papers_d_n);
+    let mut output = LinearOutput::zeros();
+    output[0] = noise_bound;
+    for j in 0..10_000 {
+        observer.accept(j * 1_000_000, Some(output), Some(LinearOutput::zeros()));
+    }
+    // x = 0.
+    let error = observer.estimate(10_000_000_000).state[0].abs();
+    assert!(
+        (error / certificate.e0() - 1.0).abs() < 1e-9 && error > 1.9 * certificate.dead_zone_width,
+        "{error}"
+    );
+}
+
+/// Theorem 1 on a body with different masses along its axes and a Coriolis force: M v' = (S − cI) v + u + f, M
+/// = diag(1, ¼) kg, S = s [[0, 1], [−1, 0]], with C = I, L = λM⁻¹. PB = Cᵀ leaves P = M alone; Q = 2(c + λ) I
+/// and E₀ = δ̄ λ/(c + λ). f = 0, f̂ = 0, and δ = −δ̄ e/‖e‖: the error swirls along ellipses V = const, and
+/// where it crosses their long axis, outside of the ball, for ever.
 #[test]
 fn the_ball_of_radius_e0_is_left_again_and_again_where_p_is_not_isotropic() {
     let (c, lambda, s, noise_bound) = (0.1, 1.0, 2.0, 0.02);
@@ -98,9 +172,9 @@ fn the_ball_of_radius_e0_is_left_again_and_again_where_p_is_not_isotropic() {
     assert!(level < e0 && largest < 2.0 * e0);
 }
 
-/// Theorem 1 with P = mI, f = 0 and the dead zone that it asks for, d = E₀ = δ̄, on the error that can be measured. At
-/// ω = √(γφᵀφ/m) the loop of e and f̃ resonates: |e| = δ̄ √(1 + ω²/λ²), |ỹ| = δ̄ω/λ. Nothing of it is in E₀: it is the term that the
-/// proof drops. It is in ‖ỹ‖ ≤ sup‖δ'‖/λ, which is attained.
+/// Theorem 1 with P = mI, f = 0 and the dead zone that it asks for, d = E₀ = δ̄, on the error that can be
+/// measured. At ω = √(γφᵀφ/m) the loop of e and f̃ resonates: |e| = δ̄ √(1 + ω²/λ²), |ỹ| = δ̄ω/λ. Nothing of it
+/// is in E₀: it is the term that the proof drops. It is in ‖ỹ‖ ≤ sup‖δ'‖/λ, which is attained.
 #[test]
 fn with_noise_the_learning_law_can_stay_at_four_times_e0() {
     for (rate, width) in [(100.0, 0.0), (1000.0, 0.0), (3000.0, NOISE_BOUND)] {
@@ -135,8 +209,9 @@ fn with_noise_the_learning_law_can_stay_at_four_times_e0() {
     }
 }
 
-/// f̃ where the body has not been yet is still there: Theorem 1's T depends on when it goes there. δ = 0 (within ‖δ‖ ≤ δ̄), P = mI.
-/// What holds: V_σ' = −eᵀQe outside of the ball, hence at most V_σ(0)/(λ_min(Q) E₀²) outside in all.
+/// f̃ where the body has not been yet is still there: Theorem 1's T depends on when it goes there. δ = 0
+/// (within ‖δ‖ ≤ δ̄), P = mI. What holds: V_σ' = −eᵀQe outside of the ball, hence at most V_σ(0)/(λ_min(Q) E₀²)
+/// outside in all.
 #[test]
 fn the_error_leaves_the_ball_whenever_the_body_goes_where_it_has_not_been() {
     let design = ChannelDesign {
@@ -185,8 +260,8 @@ fn the_error_leaves_the_ball_whenever_the_body_goes_where_it_has_not_been() {
     }
 }
 
-/// f outside of H_N: what the centers can represent and a residual of the given norm that is largest at `worst`, the point
-/// that they cover worst.
+/// f outside of H_N: what the centers can represent and a residual of the given norm that is largest at
+/// `worst`, the point that they cover worst.
 struct Truth {
     f: NativeFunction,
     residual: NativeFunction,
@@ -206,7 +281,8 @@ fn truth_with_residual(space: &NativeSpace, residual_norm: f64) -> Truth {
     Truth { f: in_space.minus(&none.minus(&residual)), residual, worst }
 }
 
-/// With the rest of f known, what the centers cannot represent makes ‖e‖ = ‖r(y)‖/(λm), and at the worst point d_N.
+/// With the rest of f known, what the centers cannot represent makes ‖e‖ = ‖r(y)‖/(λm), and at the worst point
+/// d_N.
 #[test]
 fn d_n_is_attained_by_a_residual_at_the_point_that_the_centers_cover_worst() {
     let design = ChannelDesign {

@@ -152,9 +152,10 @@ fn order_of(abscissas: &[f64], ordinates: &[f64]) -> f64 {
     product(&x, &y) / product(&x, &x)
 }
 
-/// Matérn kernels on ℝ¹, ν = k − 1/2: sup P_N ~ h^ν for the spacing h. f̂_∞ − f̂_N at y is Σ_j a_j (𝔎 − 𝔎_N)(y_j, y), and each term is
-/// at most P_N(y_j) P_N(y): so the error falls at least as h^{2ν}, twice as fast as one P_N promises. Samples that lie
-/// densely on a curve make f̂_∞ smoother than one kernel, up to h^{2k}: the orders found lie between.
+/// Matérn kernels on ℝ¹, ν = k − 1/2: sup P_N ~ h^ν for the spacing h. f̂_∞ − f̂_N at y is Σ_j a_j (𝔎 −
+/// 𝔎_N)(y_j, y), and each term is at most P_N(y_j) P_N(y): so the error falls at least as h^{2ν}, twice as fast
+/// as one P_N promises. Samples that lie densely on a curve make f̂_∞ smoother than one kernel, up to h^{2k}:
+/// the orders found lie between.
 #[test]
 fn in_closed_loop_the_law_on_centers_converges_twice_as_fast_as_the_power_function() {
     let n = 1200;

@@ -53,7 +53,8 @@ pub(crate) fn fly(
     }
 }
 
-/// The paper's force (cos v₁², sin v₂² + sin v₁, cos v₃ + sin v₂), projected onto H_N: a truth that the centers can represent.
+/// The paper's force (cos v₁², sin v₂² + sin v₁, cos v₃ + sin v₂), projected onto H_N: a truth that the centers
+/// can represent.
 pub(crate) fn papers_force(space: &NativeSpace) -> Vec<Vec<f64>> {
     let at = |v: &[f64]| [(v[0] * v[0]).cos(), (v[1] * v[1]).sin() + v[0].sin(), v[2].cos() + v[1].sin()];
     let values: Vec<_> = space.centers().points().map(at).collect();

@@ -27,8 +27,8 @@ impl Changes {
     }
 }
 
-/// What one step of the law makes of V differs from h V' by O(h²): half the step, half the difference. σ between 0 and
-/// beyond 1 and a measurement error, so that all four terms are there.
+/// What one step of the law makes of V differs from h V' by O(h²): half the step, half the difference. σ
+/// between 0 and beyond 1 and a measurement error, so that all four terms are there.
 #[test]
 fn a_step_of_the_law_changes_v_by_the_sum_of_its_terms() {
     for (inertia, rate) in [(isotropic(4.0), isotropic(100.0)), (full_inertia(), full_rate())] {
@@ -63,8 +63,8 @@ fn a_step_of_the_law_changes_v_by_the_sum_of_its_terms() {
     }
 }
 
-/// δ = 0 and σ = 1: V' = −eᵀQe ≤ −λ_min(Q) d² = −0.032 (isotropic), −0.014 (full), beside which the O(h) of the step before,
-/// below 2e-3 at 1 kHz, is nothing: no tolerance. Inside of the dead zone V does rise.
+/// δ = 0 and σ = 1: V' = −eᵀQe ≤ −λ_min(Q) d² = −0.032 (isotropic), −0.014 (full), beside which the O(h) of the
+/// step before, below 2e-3 at 1 kHz, is nothing: no tolerance. Inside of the dead zone V does rise.
 #[test]
 fn without_noise_v_falls_at_every_sample_outside_of_the_dead_zone() {
     for (inertia, rate) in [(isotropic(4.0), isotropic(100.0)), (full_inertia(), full_rate())] {
@@ -111,8 +111,9 @@ fn v_and_v_sigma(
     (of_v, of_v_sigma)
 }
 
-/// V_σ' = −σ eᵀQe vanishes to the order of σ at the edge of the dead zone, and so does what a step adds to it: rises remain
-/// where a step crosses the edge, O(h³) with σ's second-order contact. V rises for a third of the time.
+/// V_σ' = −σ eᵀQe vanishes to the order of σ at the edge of the dead zone, and so does what a step adds to it:
+/// rises remain where a step crosses the edge, O(h³) with σ's second-order contact. V rises for a third of the
+/// time.
 #[test]
 fn with_a_smooth_dead_zone_v_rises_and_v_sigma_falls() {
     for shape in [DeadZoneShape::Quadratic, DeadZoneShape::Saturated] {
@@ -124,7 +125,8 @@ fn with_a_smooth_dead_zone_v_rises_and_v_sigma_falls() {
     }
 }
 
-/// With a measurement error the same holds of ỹ in the place of e where ‖δ'‖ ≤ λd: ỹ' = −λỹ + M⁻¹f̃(y) + δ', so that
+/// With a measurement error the same holds of ỹ in the place of e where ‖δ'‖ ≤ λd: ỹ' = −λỹ + M⁻¹f̃(y) + δ', so
+/// that
 /// `V_σ(ỹ, f̃)' = −2mσ (λ‖ỹ‖² − ỹᵀδ') ≤ 0`. The paper's δ has ‖δ'‖ ≤ 0.0098 m/s², hence d ≥ 0.00098 m/s is enough.
 #[test]
 fn with_the_papers_noise_v_sigma_of_the_measured_error_falls() {
@@ -137,7 +139,8 @@ fn with_the_papers_noise_v_sigma_of_the_measured_error_falls() {
     }
 }
 
-/// −2σ⟨f̃(y), δ⟩ against −eᵀQe, on the steps outside of the dead zone of the width E₀ = δ̄ that Theorem 1 asks for.
+/// −2σ⟨f̃(y), δ⟩ against −eᵀQe, on the steps outside of the dead zone of the width E₀ = δ̄ that Theorem 1 asks
+/// for.
 struct Dropped {
     largest_ratio: f64,
     rms_ratio: f64,
@@ -181,10 +184,11 @@ fn dropped_term(rate: f64, omega_rad_s: f64) -> Dropped {
 }
 
 /// The paper's δ turns slowly beside λ: f̃(y) ≈ λM ỹ follows, and the dropped and the noise term together make
-/// −2λm⟨ỹ, δ⟩ − 2λm⟨e, δ⟩, which leaves V' = −2λm‖ỹ‖². So V falls, though not by the paper's reason: the term is a third of
-/// the decay. At 30 rad/s, with the same δ̄, f̃ does not follow, and V rises where Theorem 1's proof says that it falls.
+/// −2λm⟨ỹ, δ⟩ − 2λm⟨e, δ⟩, which leaves V' = −2λm‖ỹ‖². So V falls, though not by the paper's reason: the term
+/// is two fifths of the decay. At 30 rad/s, with the same δ̄, f̃ does not follow, and V rises where Theorem 1's
+/// proof says that it falls.
 #[test]
-fn the_term_that_the_proof_drops_is_a_third_of_the_decay_and_exceeds_it_for_fast_noise() {
+fn the_term_that_the_proof_drops_is_two_fifths_of_the_decay_and_exceeds_it_for_fast_noise() {
     let papers = dropped_term(100.0, 0.5);
     assert!(papers.rms_ratio > 0.25 && papers.outside > 300, "{}", papers.rms_ratio);
     assert_eq!(papers.v_rises, 0);
