@@ -64,9 +64,11 @@ mod kernel;
 mod law;
 mod linear;
 mod linear_algebra;
+mod lyapunov;
 mod native_function;
 mod native_space;
 mod position;
+mod reference_law;
 mod rigid_body;
 pub mod stability;
 mod timeline;
@@ -83,8 +85,10 @@ pub use linear::{
     LinearDesign, LinearEstimate, LinearObserver, LinearOutput, LinearState, MAX_OUTPUTS, MAX_STATES,
 };
 pub use linear_algebra::LurePair;
+pub use lyapunov::{LyapunovFunction, LyapunovRate};
 pub use native_function::NativeFunction;
 pub use native_space::{LengthScale, NativeSpace, ScaledKernel};
+pub use reference_law::{ReferenceLaw, ReferenceStep};
 pub use rigid_body::{
     GyroscopicTorque, InitialState, RigidBodyEstimate, RigidBodyObserver, RotationDesign, Sample,
     TranslationDesign, Velocity,
