@@ -305,3 +305,130 @@ impl<const M: usize> VectorLoop for Update<'_, M> {
         simd.reduce_sum_f64s(squares)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::stability::largest_learning_rate;
+    use crate::{
+        Centers, Channel, ChannelDesign, DeadZoneShape, DisturbanceBounds, Integrator, Kernel, LengthScale,
+    };
+    use nalgebra::{Matrix3, Vector3};
+
+    const UNLIMITED: StepLimit = StepLimit::OfEveryStep { largest_gain_s: f64::INFINITY };
+    const HELD: Vector3<f64> = Vector3::new(0.3, -0.6, 0.8);
+    const STEPS: usize = 20_000;
+
+    #[derive(Clone, Copy, PartialEq)]
+    enum Order {
+        UpdateThenPredict,
+        PredictThenUpdate,
+    }
+
+    /// A channel whose run-time clamp is out of the way: σ ≡ 1, `factor` times the adaptation rate at which the
+    /// bound on the sampled law says that the fastest direction of M⁻¹Γ_f begins to diverge where the output
+    /// stays at `HELD`.
+    fn unlimited_channel(
+        inertia: Matrix3<f64>,
+        rate: Matrix3<f64>,
+        (gain_per_s, h_s): (f64, f64),
+        factor: f64,
+    ) -> (Law<3>, Integrator) {
+        let dead_zone = DeadZone::new(DeadZoneShape::Step, 0.0, 1.0).unwrap();
+        let design = ChannelDesign {
+            kernel: Kernel::SobolevMatern { dimension: 3, order: 3 },
+            length_scale: LengthScale::Isotropic(1.0),
+            centers: Centers::lattice([-1.0; 3], [1.0; 3], [3; 3]).unwrap(),
+            nugget: 0.0,
+            inertia,
+            gain_per_s,
+            adaptation_rate: 1e-6 * rate,
+            dead_zone,
+            bounds: DisturbanceBounds::default(),
+            hold_s: h_s,
+            coast_step_s: h_s,
+        };
+        let Channel { law, integrator } = Channel::new(&design).unwrap();
+        let power = law.space().power_function_at(HELD.as_slice());
+        let squared_features = law.space().value_at_zero() - power * power;
+        // The eigenvalues of M⁻¹Γ_f by LU and Schur, where the library has a Cholesky factor and symmetric ones.
+        let learning = inertia.lu().solve(&rate).unwrap().complex_eigenvalues();
+        let fastest = learning.iter().map(|eigenvalue| eigenvalue.re).fold(0.0, f64::max);
+        let scale = factor * largest_learning_rate(gain_per_s, h_s) / (fastest * squared_features);
+        (Law::new(law.space().clone(), dead_zone, scale * rate, UNLIMITED), integrator)
+    }
+
+    /// The largest output error in the first and in the last tenth of a run at a frozen output, with nothing to
+    /// learn. Stops early, with +∞, where it has grown a million times.
+    fn first_and_last_error(
+        (mut law, integrator): (Law<3>, Integrator),
+        h_s: f64,
+        order: Order,
+    ) -> (f64, f64) {
+        let start = Vector3::new(0.1, 0.1, -0.1);
+        let mut estimate = HELD - start;
+        let (mut first, mut last) = (0.0_f64, 0.0_f64);
+        for j in 0..STEPS {
+            law.observe(&HELD, &estimate);
+            let learning = law.learning(h_s);
+            assert!(!learning.clamped && learning.activation == 1.0, "the law itself is on trial");
+            let prior = Learning { activation: 1.0, ..Learning::none() };
+            let known = if order == Order::UpdateThenPredict { &learning } else { &prior };
+            estimate = integrator.follow(&estimate, &HELD, &law.matched_force(known), h_s).end;
+            law.learn(&learning);
+            let error = (HELD - estimate).norm();
+            if error > 1e6 * start.norm() {
+                return (first, f64::INFINITY);
+            }
+            // Rounding would bring ‖ỹ‖ to an exact 0, where a step dead zone of width 0 has σ = 1 all the same.
+            first = if j < STEPS / 10 { first.max(error) } else { first };
+            last = if j >= STEPS - STEPS / 10 { last.max(error) } else { last };
+        }
+        (first, last)
+    }
+
+    fn isotropic_and_full() -> [(Matrix3<f64>, Matrix3<f64>); 2] {
+        [
+            (Matrix3::identity() * 4.0, Matrix3::identity()),
+            (
+                Matrix3::new(4.0, 1.5, 0.0, 1.5, 3.0, 0.2, 0.0, 0.2, 5.0),
+                Matrix3::new(0.8, 0.3, 0.0, 0.3, 1.2, -0.4, 0.0, -0.4, 1.0),
+            ),
+        ]
+    }
+
+    #[test]
+    fn one_percent_inside_of_the_sampled_bound_the_law_settles_and_one_percent_outside_it_diverges() {
+        for (inertia, rate) in isotropic_and_full() {
+            for sampling in [(10.0, 0.005), (4.0, 0.05)] {
+                let end = |factor| {
+                    let channel = unlimited_channel(inertia, rate, sampling, factor);
+                    first_and_last_error(channel, sampling.1, Order::UpdateThenPredict)
+                };
+                let (first, last) = end(0.99);
+                // The alternating eigenvalue lies near −1 and is not normal to the other: a factor 2/(1 − E) < 50.
+                assert!(first < 50.0 && last < 1e-3, "λ, h {sampling:?}: {first} … {last}");
+                assert_eq!(end(1.01).1, f64::INFINITY, "λ, h {sampling:?}");
+            }
+        }
+    }
+
+    /// Predict first, and determinant E + b h g/m of the error's map passes 1 at g h = λ m: 2 (1 + E)/(1 − E) ≈
+    /// 4/(λh) times earlier, 80 times at λ = 10 1/s and 200 Hz, 400 times at λ = 2 1/s.
+    #[test]
+    fn predicting_before_the_update_diverges_at_a_rate_eighty_to_four_hundred_times_lower() {
+        let (inertia, rate) = (Matrix3::identity() * 4.0, Matrix3::identity());
+        for (gain, ratio) in [(10.0, 80.0), (2.0, 400.0)] {
+            let end = |factor, order| {
+                first_and_last_error(unlimited_channel(inertia, rate, (gain, 0.005), factor), 0.005, order)
+            };
+            // The pair of eigenvalues has the modulus 1 ± 0.025 (1 − E): e^{±2.2} in all at least.
+            let (first, last) = end(0.95 / ratio, Order::PredictThenUpdate);
+            assert!(last < 0.3 * first, "inside: {first} … {last}");
+            let (first, last) = end(1.05 / ratio, Order::PredictThenUpdate);
+            assert!(last > 3.0 * first, "outside: {first} … {last}");
+            let (first, last) = end(1.05 / ratio, Order::UpdateThenPredict);
+            assert!(last < 0.3 * first, "update first bears it: {first} … {last}");
+        }
+    }
+}

@@ -65,10 +65,12 @@ mod lanes;
 mod law;
 mod linear;
 mod linear_algebra;
+mod lyapunov;
 mod native_function;
 mod native_space;
 mod packed_factor;
 mod position;
+mod reference_law;
 mod rigid_body;
 pub mod stability;
 mod timeline;
@@ -85,8 +87,10 @@ pub use linear::{
     LinearDesign, LinearEstimate, LinearObserver, LinearOutput, LinearState, MAX_OUTPUTS, MAX_STATES,
 };
 pub use linear_algebra::LurePair;
+pub use lyapunov::{LyapunovFunction, LyapunovRate};
 pub use native_function::NativeFunction;
 pub use native_space::{FeatureBuffers, LengthScale, NativeSpace, ScaledKernel};
+pub use reference_law::{ReferenceLaw, ReferenceStep};
 pub use rigid_body::{
     GyroscopicTorque, InitialState, RigidBodyEstimate, RigidBodyObserver, RotationDesign, Sample,
     TranslationDesign, Velocity,

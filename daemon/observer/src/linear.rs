@@ -611,6 +611,120 @@ mod tests {
         }
     }
 
+    /// The bound of the law itself, with its clamp out of the way: the oscillator at rest at y = 0, σ ≡ 1,
+    /// nothing to learn.
+    #[test]
+    fn one_percent_inside_of_the_general_bound_the_law_settles_and_one_percent_outside_it_diverges() {
+        let unlimited = StepLimit::OfEveryStep { largest_gain_s: f64::INFINITY };
+        let dead_zone = DeadZone::new(DeadZoneShape::Step, 0.0, 1.0).unwrap();
+        let design = oscillator();
+        let space =
+            NativeSpace::new(design.kernel, &design.length_scale, design.centers.clone(), 0.0).unwrap();
+        let squared_features = space.value_at_zero() - space.power_function_at(&[0.0]).powi(2);
+        let (at_rest, no_input) = (LinearOutput::zeros(), LinearOutput::zeros());
+        let last_error = |h_s: f64, factor: f64| {
+            let scale = factor * largest_gain(&design, h_s) / (h_s * squared_features);
+            let mut law =
+                Law::new(space.clone(), dead_zone, padded(&(scale * &design.adaptation_rate)), unlimited);
+            let mut plant = LinearPlant::new(&design);
+            let mut state = padded::<MAX_STATES, 1>(&matrix(2, &[0.1, -0.2]));
+            let mut last = 0.0_f64;
+            for j in 0..20_000 {
+                law.observe(&at_rest, &plant.output(&state));
+                let learning = law.learning(h_s);
+                assert!(!learning.clamped && learning.activation == 1.0);
+                let force = no_input + law.matched_force(&learning);
+                law.learn(&learning);
+                state = plant.follow(&Moment { stamp_ns: 0, state }, &at_rest, &force, h_s);
+                if state.norm() > 1e6 {
+                    return f64::INFINITY;
+                }
+                last = if j >= 18_000 { last.max(state.norm()) } else { last };
+            }
+            last
+        };
+        for h_s in [0.005, 0.05] {
+            let inside = last_error(h_s, 0.99);
+            assert!(inside < 1e-3, "h {h_s}: {inside}");
+            assert_eq!(last_error(h_s, 1.01), f64::INFINITY, "h {h_s}");
+        }
+    }
+
+    /// e' = A_e e − Lδ + ξ of random strictly positive real plants, exact for held δ and ξ: switched at random,
+    /// and always to where V grows most. With f̃ = 0, V falls outside of the ball of radius E₀, hence ‖e‖ ≤
+    /// √cond(P) E₀ in the end; the ball itself is no level set of V.
+    #[test]
+    fn noise_and_disturbances_within_their_bounds_keep_the_error_within_e0_times_the_root_of_the_condition_of_p()
+     {
+        let mut seed = 1_u64;
+        let mut random = || {
+            seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            (seed >> 11) as f64 / (1_u64 << 52) as f64 - 1.0
+        };
+        let (noise_bound, unmatched_bound, h_s) = (0.02, 0.03, 2e-3);
+        let (mut closest, mut beyond_e0) = (0.0_f64, 0.0_f64);
+        for case in 0..48 {
+            let (n, m) = ([2, 3, 4][case % 3], [1, 1, 2, 2][case % 4]);
+            let mut random_matrix = |rows, columns| DMatrix::from_fn(rows, columns, |_, _| random());
+            let mut definite = || {
+                let factor = random_matrix(n, n);
+                &factor * factor.transpose() + 0.2 * DMatrix::identity(n, n)
+            };
+            let (p, q): (DMatrix<f64>, DMatrix<f64>) = (definite(), definite());
+            let (skew, b, gain) = (random_matrix(n, n), random_matrix(n, m), random_matrix(n, m));
+            let skew = 2.0 * (&skew - skew.transpose());
+            let c = b.tr_mul(&p);
+            let a_e = p.clone().try_inverse().unwrap() * (skew - 0.5 * q);
+            let design = LinearDesign {
+                a: &a_e + &gain * &c,
+                b,
+                c,
+                gain,
+                kernel: Kernel::Gaussian,
+                centers: Centers::lattice(vec![-1.0; m], vec![1.0; m], vec![2; m]).unwrap(),
+                adaptation_rate: 1e-3 * DMatrix::identity(m, m),
+                bounds: DisturbanceBounds {
+                    noise: noise_bound,
+                    unmatched: unmatched_bound,
+                    residual_norm: 0.0,
+                },
+                initial_state: None,
+                ..oscillator()
+            };
+            let e0 = LinearObserver::new(&design).unwrap().certificate().e0();
+            let pair = design.observable_part().lure_pair().unwrap();
+            let spread = pair.p.clone().symmetric_eigenvalues();
+            let bound = (spread.max() / spread.min()).sqrt() * e0;
+            let integral = held_integral(&padded(&a_e), h_s).view((0, 0), (n, n)).into_owned();
+            let integral = DMatrix::from_fn(n, n, |i, j| integral[(i, j)]);
+            let settle_s = 12.0 / -spectral_abscissa(&a_e);
+            for greedy in [false, true] {
+                let unit = |x: DVector<f64>| if x.norm() > 0.0 { x.normalize() } else { x };
+                let mut error = DVector::from_element(n, 1e-6);
+                let (mut noise, mut unmatched) = (DVector::zeros(m), DVector::zeros(n));
+                let mut largest = 0.0_f64;
+                for j in 0..(2.0 * settle_s / h_s) as usize {
+                    if greedy {
+                        noise = -noise_bound * unit(design.gain.tr_mul(&(&pair.p * &error)));
+                        unmatched = unmatched_bound * unit(&pair.p * &error);
+                    } else if random() > 0.99 {
+                        noise = noise_bound * unit(DVector::from_fn(m, |_, _| random()));
+                        unmatched = unmatched_bound * unit(DVector::from_fn(n, |_, _| random()));
+                    }
+                    error += &integral * (&a_e * &error - &design.gain * &noise + &unmatched);
+                    if j as f64 * h_s > settle_s {
+                        largest = largest.max(error.norm());
+                    }
+                }
+                assert!(largest <= bound, "case {case}: {largest} {bound}");
+                closest = closest.max(largest / bound);
+                beyond_e0 = beyond_e0.max(largest / e0);
+            }
+        }
+        println!("‖e‖ up to {closest:.3} of √cond(P) E₀ and {beyond_e0:.3} of E₀");
+        assert!(closest > 0.2, "bounds that nothing comes near prove little: {closest}");
+    }
+
     #[test]
     fn designs_that_cannot_work_are_refused_by_name() {
         type Change = fn(&mut LinearDesign);
