@@ -83,6 +83,9 @@ impl ScaledKernel {
     }
 }
 
+/// Factoring more takes hours, and 8 N² bytes.
+const MOST_CENTERS: usize = 20_000;
+
 /// H_N = span {𝒦(ξ_j,·) a}: a kernel on N centers, factored once.
 ///
 /// # Source
@@ -123,6 +126,10 @@ impl NativeSpace {
             return Err(DesignError::new(Parameter::Nugget, nugget.to_string(), "a finite number ≥ 0"));
         }
         let n = centers.n_centers();
+        if n > MOST_CENTERS {
+            let found = format!("{n} centers, whose Gram matrix takes {:.0} GB", 8e-9 * (n as f64).powi(2));
+            return Err(DesignError::new(Parameter::Centers, found, format!("at most {MOST_CENTERS}")));
+        }
         let axis_run = |(axis, scale): (usize, &f64)| centers.points().map(|p| p[axis] * scale).collect();
         let mut space = Self {
             scaled_coordinates: kernel.inverse_length_scales.iter().enumerate().map(axis_run).collect(),
@@ -154,7 +161,7 @@ impl NativeSpace {
 
     fn not_positive_definite(&self, gram: &DMatrix<f64>) -> DesignError {
         let largest = largest_eigenvalue(gram.nrows(), |x| gram * x);
-        let condition = largest / (f64::EPSILON * self.value_at_zero);
+        let condition = largest / (gram.nrows() as f64 * f64::EPSILON * self.value_at_zero);
         let pair = match self.centers.closest_pair(&self.kernel.inverse_length_scales) {
             Some((a, b, distance)) => {
                 format!("the closest pair, centers {a} and {b}, is {distance:.3e} length scales apart")
@@ -268,14 +275,16 @@ impl NativeSpace {
     pub fn sup_power_function(&self) -> Supremum {
         let n = self.n_centers();
         let (mut k, mut phi) = (vec![0.0; n], vec![0.0; n]);
-        self.search(
+        let found = self.search(
             |rho| (2.0 * (self.value_at_zero - self.kernel.radial.value(rho))).max(0.0).sqrt(),
             n * n,
             |y| {
                 self.features(y, &mut k, &mut phi);
                 self.power_function(dot(&phi, &phi))
             },
-        )
+        );
+        // Nowhere is it more than far from all centers.
+        Supremum { upper_bound: found.upper_bound.min(self.value_at_zero.sqrt()), ..found }
     }
 
     /// The fill distance `h = sup_y min_j |y − ξ_j|` over the box of the centers, in length scales.
