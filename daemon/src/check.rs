@@ -115,7 +115,7 @@ pub fn unproven(file: &ConfigFile, estimator: &Estimator) -> Vec<String> {
             )),
             _ => {}
         }
-        if certificate.is_some_and(|certificate| report.bounds.noise > 0.0) {
+        if certificate.is_some_and(|certificate| certificate.bounds.noise > 0.0) {
             facts.push("with measurement noise the error bound is the paper's claim, not proven".into());
         }
         if shape == DeadZoneName::Step {

@@ -554,24 +554,38 @@ fn largest_continuous_learning(part: &ObservablePart, adaptation_rate: &DMatrix<
 /// to far above; 0 where it is positive from the start.
 fn first_crossing(unit: f64, excess: impl Fn(f64) -> f64) -> f64 {
     // Where x is small, the largest eigenvalue is at the edge of stability, up to rounding.
-    const ROUNDING: f64 = 1e-10;
-    let mut below = 0.0;
-    for exponent in -40..=20 {
-        let x = unit.min(f64::MAX) * 10.0_f64.powf(f64::from(exponent) / 4.0);
-        if excess(x) <= ROUNDING {
-            below = x;
-            continue;
+    const ROUNDING: f64 = 1e-8;
+    let scan = |from: f64, to: f64, steps: i32| {
+        (0..=steps).map(move |i| from * (to / from).powf(f64::from(i) / f64::from(steps)))
+    };
+    let (mut below, mut above) = (0.0, None);
+    for x in scan(1e-10 * unit, 1e5 * unit, 60) {
+        if excess(x) > ROUNDING {
+            above = Some(x);
+            break;
         }
+        below = x;
+    }
+    while let Some(mut outside) = above {
         if below == 0.0 {
             return 0.0;
         }
-        let mut above = x;
         for _ in 0..40 {
-            let middle = 0.5 * (below + above);
-            if excess(middle) <= ROUNDING { below = middle } else { above = middle }
+            let middle = 0.5 * (below + outside);
+            if excess(middle) <= ROUNDING { below = middle } else { outside = middle }
         }
         // What grows with x from the start only seemed stable where rounding hid it.
-        return if excess(0.5 * below) > 0.1 * ROUNDING { 0.0 } else { below };
+        if (0.3 * ROUNDING..=ROUNDING).contains(&excess(0.5 * below)) {
+            return 0.0;
+        }
+        // A narrow window of instability may lie before.
+        let mut last = 0.0;
+        above = scan(0.05 * below, 0.999 * below, 24).find(|&x| {
+            let is_outside = excess(x) > ROUNDING;
+            last = if is_outside { last } else { x };
+            is_outside
+        });
+        below = if above.is_some() { last } else { below };
     }
     below
 }

@@ -46,15 +46,20 @@ pub(crate) fn complement(basis: &DMatrix<f64>) -> DMatrix<f64> {
 
 /// The eigenvalues of a square matrix of finite numbers.
 ///
-/// nalgebra's default runs until subdiagonals fall below one rounding error of their neighbours, which
-/// repeated eigenvalues never do; a few rounding errors are as right, and are reached.
+/// nalgebra's QR iteration with its default tolerance of one rounding error does not end on some repeated
+/// eigenvalues; with a few it does, or with the matrix moved by a few rounding errors, which is as right.
 pub(crate) fn eigenvalues(matrix: &DMatrix<f64>) -> Vec<Complex<f64>> {
     if matrix.is_empty() {
         return Vec::new();
     }
-    let schur = [16.0, 256.0, 65_536.0]
+    let moved = |roundings: f64| {
+        let size = roundings * f64::EPSILON * matrix.amax();
+        let shift = |i: usize, j: usize| ((i * 7919 + j * 104_729) % 1013) as f64 / 1013.0 - 0.5;
+        DMatrix::from_fn(matrix.nrows(), matrix.ncols(), |i, j| matrix[(i, j)] + size * shift(i, j))
+    };
+    let schur = [0.0, 4.0, 16.0, 64.0, 256.0]
         .into_iter()
-        .find_map(|roundings| Schur::try_new(matrix.clone(), roundings * f64::EPSILON, 10_000));
+        .find_map(|roundings| Schur::try_new(moved(roundings), 16.0 * f64::EPSILON, 300 * matrix.nrows()));
     match schur {
         Some(schur) => schur.complex_eigenvalues().iter().copied().collect(),
         // Not known is not stable.
@@ -165,17 +170,24 @@ pub(crate) fn lure_pair(
     }
     // The largest μ with Q₁₁ − μH₁₁ ⪰ 0 is 1/λ_max(Q₁₁⁻¹H₁₁).
     let largest = 1.0 / eigenvalues(&factor.solve(&h11)).iter().map(|x| x.re).fold(0.0, f64::max);
-    (1..=80)
-        .filter_map(|step| {
-            let mu = largest * 10.0_f64.powf(-f64::from(step) / 6.0);
-            let n11 = (&q11 - mu * &h11).cholesky()?;
-            let to_output = &s * &a12 + mu * &h12;
-            let r = &a21 * n11.solve(&a21.transpose());
-            let f = &a22 + &a21 * n11.solve(&to_output);
-            let g = to_output.transpose() * n11.solve(&to_output) + mu * &h22;
-            with_x(&riccati(&f, &r, &g)?)
+    let pair_at = |mu: f64| {
+        let n11 = (&q11 - mu * &h11).cholesky()?;
+        let to_output = &s * &a12 + mu * &h12;
+        let r = &a21 * n11.solve(&a21.transpose());
+        let f = &a22 + &a21 * n11.solve(&to_output);
+        let g = to_output.transpose() * n11.solve(&to_output) + mu * &h22;
+        with_x(&riccati(&f, &r, &g)?).map(|pair| (mu, pair))
+    };
+    let least = |candidates: Vec<f64>| {
+        let pairs = candidates.into_iter().filter_map(pair_at);
+        pairs.min_by(|(_, a), (_, b)| (a.pl_norm / a.lambda_min).total_cmp(&(b.pl_norm / b.lambda_min)))
+    };
+    let coarse = (1..=80).map(|step| largest * 10.0_f64.powf(-f64::from(step) / 6.0)).collect();
+    least(coarse)
+        .and_then(|(mu, _)| {
+            least((-12..=12).map(|step| mu * 10.0_f64.powf(f64::from(step) / 60.0)).collect())
         })
-        .min_by(|a, b| (a.pl_norm / a.lambda_min).total_cmp(&(b.pl_norm / b.lambda_min)))
+        .map(|(_, pair)| pair)
         .ok_or_else(|| {
             "the error dynamics are not strictly positive real from B to C: no P ≻ 0 that satisfies both \
              equations was found"
