@@ -1,6 +1,6 @@
 //! `daemon check`: what is proven for a configuration, and what would be proven for a better one.
 
-use crate::config::{ConfigError, ConfigFile};
+use crate::config::{ConfigError, ConfigFile, DeadZoneName};
 use crate::estimator::Estimator;
 use comfy_table::{ContentArrangement, Table, presets::NOTHING};
 use nalgebra::Vector3;
@@ -30,8 +30,15 @@ pub struct ChannelCheck {
     rate_unit: &'static str,
     report: DesignReport,
     length_scales: Vec<LengthScaleEffect>,
-    /// Median time of one step on this machine (ns); `None` where the channel would be refused.
-    step_ns: Option<u64>,
+    /// Median time of one step on this machine (ns), or why `daemon run` refuses the channel.
+    step_ns: Result<u64, ConfigError>,
+}
+
+impl ChannelCheck {
+    /// Why `daemon run` refuses the channel, if it does.
+    pub fn refusal(&self) -> Option<&ConfigError> {
+        self.step_ns.as_ref().err()
+    }
 }
 
 /// Everything that `daemon check` tells of a configuration.
@@ -57,8 +64,8 @@ pub fn checks(file: &ConfigFile) -> Result<Vec<ChannelCheck>, ConfigError> {
             report: DesignReport::of_translation(&design).map_err(refuse("translation"))?,
             length_scales: effect(channel.kernel, &channel.length_scale, &channel.centers, channel.nugget),
             step_ns: RigidBodyObserver::new(Some(design.clone()), None, InitialState::default())
-                .ok()
-                .map(time_steps),
+                .map(time_steps)
+                .map_err(refuse("translation")),
         });
     }
     if let Some(design) = file.rotation_design()? {
@@ -70,8 +77,8 @@ pub fn checks(file: &ConfigFile) -> Result<Vec<ChannelCheck>, ConfigError> {
             report: DesignReport::of_rotation(&design).map_err(refuse("rotation"))?,
             length_scales: effect(channel.kernel, &channel.length_scale, &channel.centers, channel.nugget),
             step_ns: RigidBodyObserver::new(None, Some(design.clone()), InitialState::default())
-                .ok()
-                .map(time_steps),
+                .map(time_steps)
+                .map_err(refuse("rotation")),
         });
     }
     if let Some(design) = file.linear_design()? {
@@ -82,7 +89,7 @@ pub fn checks(file: &ConfigFile) -> Result<Vec<ChannelCheck>, ConfigError> {
             rate_unit: "",
             report: DesignReport::of_linear(&design, names).map_err(refuse("linear"))?,
             length_scales: effect(design.kernel, &design.length_scale, &design.centers, design.nugget),
-            step_ns: LinearObserver::new(&design).ok().map(time_linear_steps),
+            step_ns: LinearObserver::new(&design).map(time_linear_steps).map_err(refuse("linear")),
         });
     }
     match checks.is_empty() {
@@ -94,21 +101,25 @@ pub fn checks(file: &ConfigFile) -> Result<Vec<ChannelCheck>, ConfigError> {
 /// What a service runs with although it is not proven: one sentence for each channel that has some.
 pub fn unproven(file: &ConfigFile, estimator: &Estimator) -> Vec<String> {
     let mut sentences = Vec::new();
-    let mut warn = |name: &str, hidden: String, certificate: Option<&Certificate>| {
+    let mut warn = |name: &str, hidden: String, certificate: Option<&Certificate>, shape: DeadZoneName| {
         let mut facts = Vec::new();
         if !hidden.is_empty() {
             facts.push(format!("{hidden} cannot be observed and is integrated from its start"));
         }
         match certificate {
-            Some(certificate) if certificate.lambda_min == 0.0 => {
-                facts.push("the error dynamics are not strictly positive real".into());
-            }
+            None => facts.push("the error dynamics are not strictly positive real".into()),
             Some(certificate) if !certificate.is_admissible() => facts.push(format!(
                 "the dead zone d = {} is not wider than d_N = {:.4}, so Theorem 2 promises nothing",
                 certificate.dead_zone_width,
                 certificate.d_n()
             )),
             _ => {}
+        }
+        if certificate.is_some_and(|certificate| certificate.bounds.noise > 0.0) {
+            facts.push("with measurement noise the error bound is the paper's claim, not proven".into());
+        }
+        if shape == DeadZoneName::Step {
+            facts.push("a step dead zone may chatter".into());
         }
         if !facts.is_empty() {
             sentences.push(format!("{name}: not all is proven: {}; see daemon check", facts.join("; ")));
@@ -117,14 +128,17 @@ pub fn unproven(file: &ConfigFile, estimator: &Estimator) -> Vec<String> {
     let body = estimator.rigid_body.as_ref();
     if let Some(translation) = &file.config.translation {
         let hidden = if translation.position_fix_gain_per_s > 0.0 { "" } else { "position" };
-        warn("translation", hidden.into(), body.and_then(RigidBodyObserver::translation_certificate));
+        let certificate = body.and_then(RigidBodyObserver::translation_certificate);
+        warn("translation", hidden.into(), certificate, translation.dead_zone);
     }
-    if file.config.rotation.is_some() {
-        warn("rotation", String::new(), body.and_then(RigidBodyObserver::rotation_certificate));
+    if let Some(rotation) = &file.config.rotation {
+        let certificate = body.and_then(RigidBodyObserver::rotation_certificate);
+        warn("rotation", String::new(), certificate, rotation.dead_zone);
     }
     if let (Some(linear), Ok(Some(design))) = (&file.config.linear, file.linear_design()) {
         let hidden = design.unobservable_states(linear.state_names.as_deref()).join(", ");
-        warn("linear", hidden, estimator.linear.as_ref().map(LinearObserver::certificate));
+        let certificate = estimator.linear.as_ref().and_then(LinearObserver::certificate);
+        warn("linear", hidden, certificate, linear.dead_zone);
     }
     sentences
 }
@@ -137,7 +151,7 @@ fn time_steps(mut observer: RigidBodyObserver) -> u64 {
     time(|j, wander| {
         let output = lower + (upper - lower).component_mul(&Vector3::from(wander));
         observer.accept(&Sample {
-            stamp_ns: j * 1_000_000,
+            stamp_ns: jittered_ns(j),
             velocity: Some(Velocity::Inertial(output)),
             angular_velocity_rad_s: Some(output),
             ..Sample::default()
@@ -151,8 +165,13 @@ fn time_linear_steps(mut observer: LinearObserver) -> u64 {
     time(|j, wander| {
         let at = |axis: usize| lower[axis] + (upper[axis] - lower[axis]) * wander[axis % 3];
         let output = LinearOutput::from_fn(|axis, _| if axis < lower.len() { at(axis) } else { 0.0 });
-        observer.accept(j * 1_000_000, Some(output), None);
+        observer.accept(jittered_ns(j), Some(output), None);
     })
+}
+
+/// Stamps of a source at 1 kHz as they really come: no two steps are of the same length.
+fn jittered_ns(j: u64) -> u64 {
+    j * 1_000_000 + j * 7919 % 1009
 }
 
 fn time(mut step: impl FnMut(u64, [f64; 3])) -> u64 {
@@ -190,9 +209,8 @@ struct FindingDocument {
 impl ChannelCheck {
     fn document(&self) -> Value {
         let report = &self.report;
-        let certificate = &report.certificate;
+        let certificate = report.certificate.as_ref();
         let pair = report.lure.as_ref().ok();
-        let if_proven = |value: f64| pair.map(|_| value);
         let findings: Vec<_> = report
             .findings()
             .into_iter()
@@ -231,14 +249,14 @@ impl ChannelCheck {
             "pl_norm": pair.map(|pair| pair.pl_norm),
             "lure_input_residual": pair.map(|pair| pair.input_residual),
             "lure_lyapunov_residual": pair.map(|pair| pair.lyapunov_residual),
-            "level_set_factor": if_proven(report.level_set_factor()),
+            "level_set_factor": pair.map(|_| report.level_set_factor()),
         });
         let numbers = json!({
-            "noise_bound": certificate.bounds.noise,
-            "unmatched_bound": certificate.bounds.unmatched,
-            "residual_norm_bound": certificate.bounds.residual_norm,
-            "e0": if_proven(certificate.e0()),
-            "d_n": if_proven(certificate.d_n()),
+            "noise_bound": report.bounds.noise,
+            "unmatched_bound": report.bounds.unmatched,
+            "residual_norm_bound": report.bounds.residual_norm,
+            "e0": certificate.map(Certificate::e0),
+            "d_n": certificate.map(Certificate::d_n),
             "n_centers": report.n_centers,
             "kernel_at_zero": report.value_at_zero,
             "sup_power_function": report.sup_power_function.value,
@@ -246,16 +264,16 @@ impl ChannelCheck {
             "sup_power_function_at": report.sup_power_function.at,
             "fill_distance_length_scales": report.fill_distance.value,
             "separation_length_scales": report.separation,
-            "dead_zone_width": certificate.dead_zone_width,
-            "dead_zone_admissible": pair.is_some() && certificate.is_admissible() && report.dead_zone_is_smooth,
-            "smallest_admissible_dead_zone_width": if_proven(certificate.d_n()),
+            "dead_zone_width": report.dead_zone_width,
+            "dead_zone_admissible": certificate.is_some_and(Certificate::is_admissible) && report.dead_zone_is_smooth,
+            "smallest_admissible_dead_zone_width": certificate.map(Certificate::d_n),
             "sampled_data_stable": report.sampled_data_stable(),
             "adaptation_rate": report.adaptation_rate,
             "largest_stable_adaptation_rate": report.largest_stable_adaptation_rate,
             "hold_s": report.hold_s,
             "gram_condition": report.gram_condition,
             "bytes": report.bytes,
-            "step_ns": self.step_ns,
+            "step_ns": self.step_ns.as_ref().ok(),
             "length_scale_effect": length_scales,
             "findings": findings,
         });
@@ -263,17 +281,21 @@ impl ChannelCheck {
         reasons.extend(
             numbers.as_object().into_iter().flatten().map(|(key, value)| (key.clone(), value.clone())),
         );
-        if let Err(reason) = &report.lure {
-            for key in ["lambda_min", "pl_norm", "e0", "d_n"] {
-                reasons.insert(format!("{key}_reason"), Value::from(reason.as_str()));
-            }
-        }
-        if self.step_ns.is_none() {
-            reasons.insert("step_ns_reason".into(), "daemon run would refuse this channel".into());
-        }
+        let nothing_compared = format!("not compared with more than {MOST_CENTERS_TO_COMPARE} centers");
         if self.length_scales.is_empty() {
-            let reason = format!("not compared with more than {MOST_CENTERS_TO_COMPARE} centers");
-            reasons.insert("length_scale_effect_reason".into(), reason.into());
+            reasons.insert("length_scale_effect".into(), Value::Null);
+        }
+        let missing: Vec<_> =
+            reasons.iter().filter(|(_, value)| value.is_null()).map(|(key, _)| key.clone()).collect();
+        for key in missing {
+            let reason = match (key.as_str(), &report.lure, &self.step_ns) {
+                ("length_scale_effect", ..) => nothing_compared.clone(),
+                ("separation_length_scales", ..) => "there is a single center".into(),
+                ("step_ns", _, Err(refusal)) => format!("daemon run refuses this channel: {refusal}"),
+                (_, Err(reason), _) => reason.clone(),
+                _ => "not finite".into(),
+            };
+            reasons.insert(format!("{key}_reason"), reason.into());
         }
         document
     }
@@ -293,9 +315,9 @@ impl ChannelCheck {
         let mut fact = |name: &str, value: String| {
             facts.add_row([name, &value]);
         };
-        let step = match self.step_ns {
-            Some(step_ns) => format!("{:.2} µs (median of {TIMED_STEPS} here)", step_ns as f64 / 1e3),
-            None => "not measured: daemon run would refuse this channel".into(),
+        let step = match &self.step_ns {
+            Ok(step_ns) => format!("{:.2} µs (median of {TIMED_STEPS} here)", *step_ns as f64 / 1e3),
+            Err(_) => "not measured: daemon run would refuse this channel".into(),
         };
         fact("one step", format!("{} bytes read, {step}", report.bytes));
         fact(
@@ -308,9 +330,9 @@ impl ChannelCheck {
                 report.separation.map_or("–".into(), |q| format!("{q:.3}"))
             ),
         );
-        if report.lure.is_ok() {
-            let d_n = report.certificate.d_n();
-            fact("smallest admissible dead zone", format!("wider than {d_n:.5}{output_unit}"));
+        if let Some(certificate) = &report.certificate {
+            let d_n = format!("wider than {}{output_unit}", Short(certificate.d_n()));
+            fact("smallest admissible dead zone", d_n);
         }
         let largest = report.largest_stable_adaptation_rate;
         fact("largest stable adaptation rate", format!("{:.4}{rate_unit}", Short(largest)));
@@ -367,6 +389,7 @@ fn word(verdict: Verdict) -> &'static str {
     match verdict {
         Verdict::Holds => "holds",
         Verdict::Fails => "fails",
+        Verdict::Claimed => "claimed",
         Verdict::NotApplicable => "not applicable",
     }
 }

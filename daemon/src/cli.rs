@@ -206,8 +206,10 @@ fn check(json: bool, design: &DesignArguments) -> anyhow::Result<()> {
         false => check::print(&file, &checks),
     }
     // The same refusal as that of `daemon run`, and the same exit code.
-    file.estimator()?;
-    Ok(())
+    match checks.iter().find_map(check::ChannelCheck::refusal) {
+        Some(refusal) => Err(refusal.clone().into()),
+        None => Ok(()),
+    }
 }
 
 fn control(action: ControlAction, json: bool, place: &PlaceArguments) -> anyhow::Result<()> {

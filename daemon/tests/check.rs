@@ -148,7 +148,8 @@ fn what_is_not_proven_is_null_with_its_reason() {
     let document: Value = serde_json::from_str(&text).unwrap();
     let linear = &document["channels"][0];
     assert_eq!(linear["strictly_positive_real"], false);
-    for key in ["lambda_min", "pl_norm", "e0", "d_n"] {
+    assert_eq!(linear["noise_bound"], 0.01);
+    for key in ["lambda_min", "pl_norm", "e0", "d_n", "p", "level_set_factor"] {
         assert!(linear[key].is_null(), "{key}");
         assert!(linear[format!("{key}_reason")].as_str().unwrap().contains("CB"), "{key}");
     }

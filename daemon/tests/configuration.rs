@@ -112,14 +112,27 @@ fn equal_centers_are_named() {
 #[test]
 fn a_linear_plant_of_wrong_shape_is_refused_by_its_key() {
     let good = include_str!("../presets/linear.toml");
-    assert_refused(&good.replace("b = [[0.0], [0.5]]", "b = [[0.0]]"), &["linear.a", "B of 1×1", "2×1"]);
-    assert_refused(&good.replace("[-3.0, -0.2]]", "[-3.0]]"), &["linear.a", "rows of [2, 1] numbers"]);
+    assert_refused(
+        &good.replace("b = [[0.0], [0.5]]", "b = [[0.0]]"),
+        &["line 9", "linear.b", "B of 1×1", "2×1"],
+    );
+    assert_refused(
+        &good.replace("[-3.0, -0.2]]", "[-3.0]]"),
+        &["line 8", "linear.a", "rows of [2, 1] numbers"],
+    );
     assert_refused(
         &good.replace("gain = [[1.0], [8.0]]", "gain = [[-9.0], [-9.0]]"),
         &["linear.gain", "a pole at"],
     );
     assert_refused(&good.replace("rate = 50.0", "rate = 1e9"), &["linear.adaptation_rate", "below"]);
     assert_refused(&good.replace("[[0.0], [0.5]]", "[[0.0], [-0.5]]"), &["positive real"]);
+    assert_refused(
+        &good.replace("[[2.0, 1.0]]", "[[0.0, 0.0]]"),
+        &["line 10", "linear.c", "singular values"],
+    );
+    assert_refused(&good.replace("[13]", "[400000000]"), &["linear.centers_lower", "at most"]);
+    assert_refused(&good.replace("[13]", "[30000]"), &["linear.centers_lower", "7 GB", "at most 20000"]);
+    assert_refused(&good.replace("200.0", "0.0"), &["line 4", "rate_hz"]);
     assert_refused(&good.replace("[13]", "[13, 2]"), &["linear.centers_lower"]);
     assert_refused(&good.replace("\"velocity\"", "\"velocity\", \"x\""), &["3 state_names for 2 states"]);
     assert_refused(&good.replace("noise_bound = 0.01", "noise_bound = -1.0"), &["linear.noise_bound"]);

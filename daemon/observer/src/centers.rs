@@ -3,6 +3,9 @@
 use crate::DesignError;
 use crate::Parameter;
 
+/// A lattice of more is a slip of the pen.
+const MOST_CENTERS: usize = 100_000_000;
+
 /// Ξ_N: N distinct points of ℝ^d, d the number of outputs, in the output's unit.
 ///
 /// # Source
@@ -53,7 +56,15 @@ impl Centers {
             1 => 0.5 * (lower[axis] + upper[axis]),
             n => lower[axis] + (upper[axis] - lower[axis]) * i as f64 / (n - 1) as f64,
         };
-        let n_centers = per_axis.iter().product();
+        let n_centers = per_axis.iter().try_fold(1_usize, |product, &n| product.checked_mul(n));
+        let Some(n_centers) = n_centers.filter(|&n| n <= MOST_CENTERS) else {
+            let found = format!("{per_axis:?} centers per axis");
+            return Err(DesignError::new(
+                Parameter::Centers,
+                found,
+                format!("at most {MOST_CENTERS} in all"),
+            ));
+        };
         let mut coordinates = Vec::with_capacity(n_centers * dimension);
         for index in 0..n_centers {
             let mut below = n_centers;

@@ -12,12 +12,14 @@
 //!
 //! ```text
 //! E₀  = 2 (‖PL‖ δ̄ + ‖PG‖ ξ̄) / λ_min(Q)
-//! d_N = 2 ‖C‖ (sup P_N · r_f + ‖PL‖ δ̄ + ‖PG‖ ξ̄) / λ_min(Q)
+//! e_N = 2 (‖C‖ sup P_N · r_f + ‖PL‖ δ̄ + ‖PG‖ ξ̄) / λ_min(Q)        of the state
+//! d_N = ‖C‖ e_N                                                    of the output
 //! ```
 //!
 //! # Source
-//! Niu et al., Theorems 1 and 2. The paper's E₀ lacks the 2 that its own V' has; the terms in ξ̄ are ours: the
-//! paper names ξ and never bounds it. With δ ≠ 0 the proof drops −2σ⟨f̃(y), δ⟩: then the size is the paper's claim.
+//! Niu et al., Theorems 1 and 2. The paper's E₀ lacks the 2 that its own V' has; its d_N lacks one ‖C‖ at r_f and is
+//! said of the state; for ‖C‖ = 1, as in its examples, all agree. The terms in ξ̄ are ours: the paper names ξ and
+//! never bounds it. With δ ≠ 0 the proof drops −2σ⟨f̃(y), δ⟩: then the size is the paper's claim.
 
 use crate::channel::{ChannelDesign, DisturbanceBounds};
 use crate::{DeadZone, NativeSpace};
@@ -78,19 +80,6 @@ impl Certificate {
         }
     }
 
-    /// Of a plant without a Lur'e pair: nothing is claimed, every bound is +∞.
-    pub(crate) fn none(dead_zone: &DeadZone) -> Self {
-        Self {
-            lambda_min: 0.0,
-            pl_norm: f64::INFINITY,
-            output_norm: 1.0,
-            disturbance_norm: 0.0,
-            bounds: DisturbanceBounds { noise: 1.0, unmatched: 0.0, residual_norm: 0.0 },
-            dead_zone_width: dead_zone.width(),
-            sup_power_function: 0.0,
-        }
-    }
-
     /// `‖PL‖ δ̄ + ‖PG‖ ξ̄`.
     fn disturbance(&self) -> f64 {
         self.pl_norm * self.bounds.noise + self.disturbance_norm * self.bounds.unmatched
@@ -101,15 +90,16 @@ impl Certificate {
         2.0 * self.disturbance() / self.lambda_min
     }
 
-    /// d_N in the state's unit: a dead zone must be wider (Theorem 2).
-    pub fn d_n(&self) -> f64 {
-        self.d_n_at(0.0)
+    /// e_N, in the state's unit, where the power function is `power_function`, if that is more than over the box of
+    /// the centers.
+    fn state_radius(&self, power_function: f64) -> f64 {
+        let residual = self.sup_power_function.max(power_function) * self.bounds.residual_norm;
+        2.0 * (self.output_norm * residual + self.disturbance()) / self.lambda_min
     }
 
-    /// d_N where the power function is `power_function`, if that is more than over the box of the centers.
-    fn d_n_at(&self, power_function: f64) -> f64 {
-        let residual = self.sup_power_function.max(power_function) * self.bounds.residual_norm;
-        2.0 * self.output_norm * (residual + self.disturbance()) / self.lambda_min
+    /// d_N, in the output's unit: a dead zone must be wider (Theorem 2).
+    pub fn d_n(&self) -> f64 {
+        self.output_norm * self.state_radius(0.0)
     }
 
     /// d > d_N: the condition of Theorem 2.
@@ -117,9 +107,9 @@ impl Certificate {
         self.dead_zone_width > self.d_n()
     }
 
-    /// max(d, d_N): the size that the theorems claim the error settles below, with the power function at the
-    /// present output in case that lies outside of the centers. A bound, not a covariance.
+    /// max(d, e_N): the size that the theorems claim ‖e‖ settles below, with the power function at the present output
+    /// in case that lies outside of the centers. A bound, not a covariance.
     pub fn error_bound(&self, power_function: f64) -> f64 {
-        self.dead_zone_width.max(self.d_n_at(power_function))
+        self.dead_zone_width.max(self.state_radius(power_function))
     }
 }

@@ -12,13 +12,13 @@
 //! What is unobservable has no place in the theorems: they are about the observable part, and the rest is
 //! integrated from it. For a body whose velocity is measured that is the position.
 
-use crate::linear::largest_gain_of_every_step;
+use crate::linear::largest_learning_of_every_step;
 use crate::linear_algebra::{
     LurePair, complement, eigenvalues, reachable_subspace, spectral_abscissa, spectral_norm,
 };
 use crate::{
-    Centers, Certificate, ChannelDesign, DeadZoneShape, DesignError, Kernel, LengthScale, LinearDesign,
-    NativeSpace, RotationDesign, Supremum, TranslationDesign,
+    Centers, Certificate, ChannelDesign, DeadZoneShape, DesignError, DisturbanceBounds, Kernel, LengthScale,
+    LinearDesign, NativeSpace, RotationDesign, Supremum, TranslationDesign,
 };
 use nalgebra::{Complex, DMatrix, Matrix3};
 
@@ -29,6 +29,8 @@ pub enum Verdict {
     Holds,
     /// It is not.
     Fails,
+    /// The paper says so, and its proof does not cover this design.
+    Claimed,
     /// It says nothing about this design.
     NotApplicable,
 }
@@ -63,8 +65,12 @@ pub struct DesignReport {
     pub observable_hurwitz: bool,
     /// The Lur'e pair of the observable part, or why there is none.
     pub lure: Result<LurePair, String>,
-    /// E₀ and d_N.
-    pub certificate: Certificate,
+    /// E₀ and d_N; `None` where there is no Lur'e pair.
+    pub certificate: Option<Certificate>,
+    /// δ̄, ξ̄ and r_f of the design.
+    pub bounds: DisturbanceBounds,
+    /// d.
+    pub dead_zone_width: f64,
     /// N.
     pub n_centers: usize,
     /// κ(0).
@@ -178,7 +184,7 @@ impl DesignReport {
             measured: design.c.clone(),
             error_dynamics: design.error_dynamics(),
         };
-        let factor = largest_gain_of_every_step(design) / (design.hold_s * space.value_at_zero());
+        let factor = largest_learning_of_every_step(design) / space.value_at_zero();
         Ok(Self::assemble(design, &space, plant, factor, |pair| pair.p_norm))
     }
 
@@ -194,18 +200,15 @@ impl DesignReport {
         let part = law.observable_part();
         let lure = part.lure_pair();
         let sup_power_function = space.sup_power_function();
-        let certificate = match &lure {
-            Ok(pair) => Certificate {
-                lambda_min: pair.lambda_min,
-                pl_norm: pair.pl_norm,
-                output_norm: spectral_norm(&part.c),
-                disturbance_norm: disturbance_norm(pair),
-                bounds: law.bounds,
-                dead_zone_width: law.dead_zone.width(),
-                sup_power_function: sup_power_function.value,
-            },
-            Err(_) => Certificate::none(&law.dead_zone),
-        };
+        let certificate = lure.as_ref().ok().map(|pair| Certificate {
+            lambda_min: pair.lambda_min,
+            pl_norm: pair.pl_norm,
+            output_norm: spectral_norm(&part.c),
+            disturbance_norm: disturbance_norm(pair),
+            bounds: law.bounds,
+            dead_zone_width: law.dead_zone.width(),
+            sup_power_function: sup_power_function.value,
+        });
         let adaptation_rate = law.adaptation_rate.clone().symmetric_eigenvalues().max();
         Self {
             controllable: reachable_subspace(&plant.a, &plant.b).ncols() == n,
@@ -217,6 +220,8 @@ impl DesignReport {
             states: plant.states,
             lure,
             certificate,
+            bounds: law.bounds,
+            dead_zone_width: law.dead_zone.width(),
             n_centers: space.n_centers(),
             value_at_zero: space.value_at_zero(),
             sup_power_function,
@@ -250,20 +255,16 @@ impl DesignReport {
     /// All conditions, in the order in which they build on each other.
     pub fn findings(&self) -> Vec<Finding> {
         let mut findings = Vec::new();
-        let mut find = |condition: &str, holds: Option<bool>, detail: String| {
-            let verdict = match holds {
-                Some(true) => Verdict::Holds,
-                Some(false) => Verdict::Fails,
-                None => Verdict::NotApplicable,
-            };
+        let plain = |holds: bool| if holds { Verdict::Holds } else { Verdict::Fails };
+        let mut find = |condition: &str, verdict: Verdict, detail: String| {
             findings.push(Finding { condition: condition.into(), verdict, detail });
         };
         let n = self.states.len();
-        find("(A, B) controllable", Some(self.controllable), format!("{n} states"));
+        find("(A, B) controllable", plain(self.controllable), format!("{n} states"));
         let hidden = self.unobservable.join(", ");
         find(
             "(A, C) observable",
-            Some(self.observable),
+            plain(self.observable),
             match self.observable {
                 true => "everything acts on what is measured".into(),
                 false => format!(
@@ -272,14 +273,14 @@ impl DesignReport {
             },
         );
         let poles = self.poles.iter().map(pole_in_words).collect::<Vec<_>>().join(", ");
-        find("A_e = A − LC Hurwitz", Some(self.hurwitz), format!("poles {poles} 1/s"));
+        find("A_e = A − LC Hurwitz", plain(self.hurwitz), format!("poles {poles} 1/s"));
         if !self.observable {
             let detail = "what the theorems are about".into();
-            find("A_e Hurwitz on the observable part", Some(self.observable_hurwitz), detail);
+            find("A_e Hurwitz on the observable part", plain(self.observable_hurwitz), detail);
         }
         find(
             "error dynamics strictly positive real (Lur'e)",
-            Some(self.lure.is_ok()),
+            plain(self.lure.is_ok()),
             match &self.lure {
                 Ok(pair) => format!(
                     "{}, λ_min(WᵀW + εP) = {}, ‖PL‖ = {}; residuals at most {:.0e}",
@@ -291,40 +292,61 @@ impl DesignReport {
                 Err(reason) => reason.clone(),
             },
         );
-        let certificate = &self.certificate;
-        let claimed = self.lure.is_ok();
-        find("E₀ (Theorem 1)", claimed.then_some(true), format!("E₀ = {}", number(certificate.e0())));
+        let noise = self.bounds.noise;
+        let (e0, d_n) = match &self.certificate {
+            None => (None, None),
+            Some(certificate) => {
+                (Some(certificate.e0()), Some((certificate.d_n(), certificate.is_admissible())))
+            }
+        };
+        let claimed_with_noise = |holds: bool| match (holds, noise > 0.0) {
+            (true, true) => Verdict::Claimed,
+            (true, false) => Verdict::Holds,
+            (false, _) => Verdict::Fails,
+        };
+        let no_pair = || "not defined without a Lur'e pair".to_owned();
+        find(
+            "‖e‖ settles below E₀ (Theorem 1)",
+            e0.map_or(Verdict::NotApplicable, |_| claimed_with_noise(true)),
+            e0.map_or_else(no_pair, |e0| format!("E₀ = {}", number(e0))),
+        );
         find(
             "d > d_N (Theorem 2)",
-            claimed.then(|| certificate.is_admissible()),
-            format!(
-                "d = {}, d_N = {} with sup P_N = {:.4} (no point above {:.4}) and r_f = {}",
-                certificate.dead_zone_width,
-                number(certificate.d_n()),
-                self.sup_power_function.value,
-                self.sup_power_function.upper_bound,
-                certificate.bounds.residual_norm
-            ),
+            d_n.map_or(Verdict::NotApplicable, |(_, holds)| claimed_with_noise(holds)),
+            d_n.map_or_else(no_pair, |(d_n, _)| {
+                format!(
+                    "d = {}, d_N = {} with sup P_N = {:.4} (no point above {:.4}) and r_f = {}{}",
+                    number(self.dead_zone_width),
+                    number(d_n),
+                    self.sup_power_function.value,
+                    self.sup_power_function.upper_bound,
+                    number(self.bounds.residual_norm),
+                    if self.bounds.residual_norm == 0.0 {
+                        ": as if f lay in the span of the centers"
+                    } else {
+                        ""
+                    }
+                )
+            }),
         );
         find(
             "dead zone continuously differentiable",
-            Some(self.dead_zone_is_smooth),
+            plain(self.dead_zone_is_smooth),
             if self.dead_zone_is_smooth { "admissible".into() } else { "a step: it may chatter".into() },
         );
         find(
             "sampled law stable",
-            Some(self.sampled_data_stable()),
+            plain(self.sampled_data_stable()),
             format!(
-                "adaptation rate {}, largest {:.1} for an output held for {} ms",
+                "adaptation rate {}, largest {} for an output held for {} ms",
                 number(self.adaptation_rate),
-                self.largest_stable_adaptation_rate,
+                number(self.largest_stable_adaptation_rate),
                 number(1e3 * self.hold_s)
             ),
         );
-        let noise = certificate.bounds.noise;
         find(
             "the proofs cover the measurement error",
-            Some(noise == 0.0),
+            plain(noise == 0.0),
             match noise == 0.0 {
                 true => "δ̄ = 0".into(),
                 false => format!(
@@ -415,14 +437,26 @@ fn in_words(basis: &DMatrix<f64>, states: &[String]) -> Vec<String> {
 
 fn pole_in_words(pole: &Complex<f64>) -> String {
     match pole.im == 0.0 {
-        true => number(pole.re).to_string(),
-        false => format!("{}{:+}i", number(pole.re), number(pole.im)),
+        true => number(pole.re),
+        false => {
+            let sign = if pole.im < 0.0 { '-' } else { '+' };
+            format!("{}{sign}{}i", number(pole.re), number(pole.im.abs()))
+        }
     }
 }
 
-/// To six decimals, without a negative zero.
-fn number(x: f64) -> f64 {
-    (x * 1e6).round() / 1e6 + 0.0
+/// Six significant digits at most, without trailing zeros.
+fn number(x: f64) -> String {
+    match x.abs() {
+        0.0 => "0".into(),
+        size if (1e-4..1e7).contains(&size) => {
+            let unit = 10.0_f64.powi(size.log10().floor() as i32 - 5);
+            // Through text, so that 0.1 + 0.2 is 0.3.
+            let rounded: f64 = format!("{:.5e}", (x / unit).round() * unit).parse().unwrap_or(x);
+            rounded.to_string()
+        }
+        _ => format!("{x:.4e}"),
+    }
 }
 
 /// `P = 4 I`, `P = diag(…)`, or its rows.
@@ -433,8 +467,7 @@ fn matrix_in_words(name: &str, matrix: &DMatrix<f64>) -> String {
     if is_diagonal && diagonal.iter().all(|x| (x - diagonal[0]).abs() <= tolerance) {
         return format!("{name} = {} I", number(diagonal[0]));
     }
-    let list =
-        |entries: Vec<f64>| entries.into_iter().map(|x| number(x).to_string()).collect::<Vec<_>>().join(", ");
+    let list = |entries: Vec<f64>| entries.into_iter().map(number).collect::<Vec<_>>().join(", ");
     if is_diagonal {
         return format!("{name} = diag({})", list(diagonal.iter().copied().collect()));
     }
@@ -488,8 +521,8 @@ mod tests {
         let pair = report.lure.as_ref().unwrap();
         assert!((&pair.p - DMatrix::identity(3, 3) * 4.0).amax() < 1e-12);
         assert!((pair.lambda_min - 80.0).abs() < 1e-10 && (pair.pl_norm - 40.0).abs() < 1e-10);
-        assert!((report.certificate.e0() - 0.0195959).abs() < 1e-7);
-        assert!((report.certificate.d_n() - 0.0195959).abs() < 1e-7);
+        assert!((report.certificate.unwrap().e0() - 0.0195959).abs() < 1e-7);
+        assert!((report.certificate.unwrap().d_n() - 0.0195959).abs() < 1e-7);
         assert!((report.sup_power_function.value - 0.443_724_775_3).abs() < 1e-8);
         assert!((report.gram_condition - 291.69).abs() < 0.02);
         assert!((report.value_at_zero - 2.467_401_1).abs() < 1e-7);
@@ -512,7 +545,7 @@ mod tests {
         })
         .unwrap();
         assert!(report.observable && report.hurwitz && report.unobservable.is_empty());
-        assert!((report.certificate.e0() - 75.0 * noise).abs() < 1e-9);
+        assert!((report.certificate.unwrap().e0() - 75.0 * noise).abs() < 1e-9);
         assert_eq!(verdict(&report, "d > d_N"), Verdict::Fails);
         assert!((report.level_set_factor() - 75.0_f64.sqrt()).abs() < 1e-9);
     }
@@ -534,9 +567,24 @@ mod tests {
         design.channel.bounds.residual_norm = 3.0;
         let report = DesignReport::of_translation(&design).unwrap();
         let noise = design.channel.bounds.noise;
-        assert!((report.certificate.e0() - 2.0 * (40.0 * noise + 5.0) / 80.0).abs() < 1e-12);
+        assert!((report.certificate.unwrap().e0() - 2.0 * (40.0 * noise + 5.0) / 80.0).abs() < 1e-12);
         let expected = 2.0 * (0.443_724_775_3 * 3.0 + 40.0 * noise + 5.0) / 80.0;
-        assert!((report.certificate.d_n() - expected).abs() < 1e-8);
+        assert!((report.certificate.unwrap().d_n() - expected).abs() < 1e-8);
+    }
+
+    #[test]
+    fn numbers_are_short_at_any_size() {
+        for (x, text) in [
+            (0.0, "0"),
+            (-10.0, "-10"),
+            (0.019_595_917_9, "0.0195959"),
+            (115_335.024_1, "115335"),
+            (1e-7, "1.0000e-7"),
+            (-1e300, "-1.0000e300"),
+            (0.1 + 0.2, "0.3"),
+        ] {
+            assert_eq!(number(x), text);
+        }
     }
 
     #[test]

@@ -130,10 +130,14 @@ pub enum Parameter {
     CoastStep,
     /// Gain or hold of a position or attitude fix, or the velocity error's way into the position.
     Fix,
-    /// Neither a translation nor a rotation was asked for.
+    /// No channel was asked for.
     Channels,
-    /// A, B or C of a linear plant.
+    /// A of a linear plant.
     Plant,
+    /// B of a linear plant.
+    PlantInput,
+    /// C of a linear plant.
+    PlantOutput,
     /// x̂(0) of a linear plant.
     InitialState,
 }

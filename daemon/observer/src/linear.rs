@@ -30,12 +30,14 @@ use crate::linear_algebra::{
 use crate::stability::StepLimit;
 use crate::timeline::{ChannelReport, Moment, Plant, Timeline};
 use crate::{Centers, DeadZone, DesignError, Kernel, LengthScale, NativeSpace, Parameter};
-use nalgebra::{DMatrix, DVector, SMatrix, SVector};
+use nalgebra::{Complex, DMatrix, DVector, SMatrix, SVector};
 
 /// The largest n.
 pub const MAX_STATES: usize = 12;
 /// The largest m.
 pub const MAX_OUTPUTS: usize = 6;
+/// The largest ‖A‖ h: beyond, e^{Ah} says nothing any more.
+const LARGEST_GROWTH: f64 = 1e6;
 
 /// x̂, its first n entries; the others are 0.
 pub type LinearState = SVector<f64, MAX_STATES>;
@@ -148,11 +150,11 @@ impl LinearDesign {
         }
         if !(1..=MAX_OUTPUTS.min(n)).contains(&m) {
             let needed = format!("1 to {} inputs, as many as outputs", MAX_OUTPUTS.min(n));
-            return refuse(Parameter::Plant, format!("B with {m} columns"), needed);
+            return refuse(Parameter::PlantInput, format!("B with {m} columns"), needed);
         }
         for (parameter, name, matrix, rows, columns) in [
-            (Parameter::Plant, "B", &self.b, n, m),
-            (Parameter::Plant, "C", &self.c, m, n),
+            (Parameter::PlantInput, "B", &self.b, n, m),
+            (Parameter::PlantOutput, "C", &self.c, m, n),
             (Parameter::Gain, "L", &self.gain, n, m),
             (Parameter::AdaptationRate, "Γ_f", &self.adaptation_rate, m, m),
         ] {
@@ -163,8 +165,8 @@ impl LinearDesign {
         }
         for (parameter, name, matrix) in [
             (Parameter::Plant, "A", &self.a),
-            (Parameter::Plant, "B", &self.b),
-            (Parameter::Plant, "C", &self.c),
+            (Parameter::PlantInput, "B", &self.b),
+            (Parameter::PlantOutput, "C", &self.c),
             (Parameter::Gain, "L", &self.gain),
         ] {
             if matrix.iter().any(|entry| !entry.is_finite()) {
@@ -174,6 +176,32 @@ impl LinearDesign {
                     "finite numbers".into(),
                 );
             }
+        }
+        for (parameter, name, matrix) in
+            [(Parameter::PlantInput, "B", &self.b), (Parameter::PlantOutput, "C", &self.c)]
+        {
+            let sizes = matrix.singular_values();
+            if sizes.min() <= 1e-9 * sizes.max() {
+                let found = format!("{name} with singular values {:?}", sizes.as_slice());
+                return refuse(
+                    parameter,
+                    found,
+                    format!("{m} independent directions: nothing can be learned along the others"),
+                );
+            }
+        }
+        let growth =
+            self.a.amax().max(self.error_dynamics().amax()) * n as f64 * self.hold_s.max(self.coast_step_s);
+        if growth > LARGEST_GROWTH {
+            let found = format!(
+                "A or A − LC that changes the state {growth:.1e} times within a hold of {} s",
+                self.hold_s
+            );
+            return refuse(
+                Parameter::Plant,
+                found,
+                format!("at most {LARGEST_GROWTH:.0e}: a shorter hold, or other units"),
+            );
         }
         if self.centers.dimension() != m {
             let found = format!("centers with {} coordinates", self.centers.dimension());
@@ -232,8 +260,17 @@ impl LinearObserver {
                 "a gain L that moves all of these poles to the left half plane",
             ));
         }
-        let largest_gain_s = largest_gain_of_every_step(design);
-        let factor = largest_gain_s / (design.hold_s * space.value_at_zero());
+        let hidden = design.unobservable_subspace();
+        let drift = spectral_abscissa(&(hidden.transpose() * &design.a * &hidden));
+        if drift > 1e-9 * (1.0 + design.a.amax()) {
+            return Err(DesignError::new(
+                Parameter::PlantOutput,
+                format!("a mode that no output tells of and that grows by itself, at {drift:.3e} 1/s"),
+                "outputs from which every unstable mode is seen (a detectable plant)",
+            ));
+        }
+        let largest_learning = largest_learning_of_every_step(design);
+        let factor = largest_learning / space.value_at_zero();
         if factor <= 1.0 {
             let largest = design.adaptation_rate.clone().symmetric_eigenvalues().max();
             let needed = match factor > 0.0 {
@@ -250,21 +287,20 @@ impl LinearObserver {
                 needed,
             ));
         }
-        let certificate = match part.lure_pair() {
-            Ok(pair) => Certificate::new(
+        let certificate = part.lure_pair().ok().map(|pair| {
+            Certificate::new(
                 (pair.lambda_min, pair.pl_norm),
                 (spectral_norm(&part.c), pair.p_norm),
                 design.bounds,
                 &design.dead_zone,
                 &space,
-            ),
-            Err(_) => Certificate::none(&design.dead_zone),
-        };
+            )
+        });
         let law = Law::new(
             space,
             design.dead_zone,
             padded(&design.adaptation_rate),
-            StepLimit::OfEveryStep { largest_gain_s },
+            StepLimit::OfEveryStep { largest_learning },
         );
         let plant = LinearPlant::new(design);
         let initial = plant.initial_state.unwrap_or_default();
@@ -278,7 +314,10 @@ impl LinearObserver {
     /// # Cost
     /// One evaluation of the features with a new output; no allocation.
     pub fn accept(&mut self, stamp_ns: u64, output: Option<LinearOutput>, input: Option<LinearOutput>) {
-        self.timeline.accept(stamp_ns, output, input, |_| {});
+        // What is beyond m is nobody's.
+        let m = self.timeline.law.space().centers().dimension();
+        let own = |vector: LinearOutput| LinearOutput::from_fn(|i, _| if i < m { vector[i] } else { 0.0 });
+        self.timeline.accept(stamp_ns, output.map(own), input.map(own), |_| {});
     }
 
     /// The estimate at `stamp_ns`, or at the newest sample where that is later. No allocation.
@@ -323,9 +362,9 @@ impl LinearObserver {
         &self.timeline.law
     }
 
-    /// What the theorems claim.
-    pub fn certificate(&self) -> &Certificate {
-        &self.timeline.certificate
+    /// What the theorems claim; `None` where the error dynamics are not strictly positive real.
+    pub fn certificate(&self) -> Option<&Certificate> {
+        self.timeline.certificate.as_ref()
     }
 }
 
@@ -339,6 +378,7 @@ fn padded<const R: usize, const C: usize>(matrix: &DMatrix<f64>) -> SMatrix<f64,
 /// `x̂' = A x̂ + L (y − C x̂) + B F` in arrays of fixed size, so that steps allocate nothing.
 #[derive(Debug, Clone)]
 struct LinearPlant {
+    n_states: usize,
     a: StateMatrix,
     a_e: StateMatrix,
     b: SMatrix<f64, MAX_STATES, MAX_OUTPUTS>,
@@ -359,16 +399,17 @@ struct HeldIntegral {
 }
 
 impl HeldIntegral {
-    fn of(&mut self, m: &StateMatrix, h_s: f64) -> &StateMatrix {
+    fn of(&mut self, m: &StateMatrix, n: usize, h_s: f64) -> &StateMatrix {
         if self.h_s != h_s {
-            *self = Self { h_s, integral: held_integral(m, h_s) };
+            *self = Self { h_s, integral: held_integral(m, n, h_s) };
         }
         &self.integral
     }
 }
 
-/// `∫₀^h e^{Ms} ds = h Σ_k (Mh)^k / (k+1)!`, by the series on h/2^q with ‖M‖h/2^q ≤ 1/4 and `Ψ(2h) = Ψ(h) (2I + MΨ(h))`.
-fn held_integral(m: &StateMatrix, h_s: f64) -> StateMatrix {
+/// `∫₀^h e^{Ms} ds = h Σ_k (Mh)^k / (k+1)!` of the leading n×n block, by the series on h/2^q with ‖M‖h/2^q ≤ 1/4 and
+/// `Ψ(2h) = Ψ(h) (2I + MΨ(h))`.
+fn held_integral(m: &StateMatrix, n: usize, h_s: f64) -> StateMatrix {
     let norm = m.column_iter().map(|column| column.lp_norm(1)).fold(0.0, f64::max);
     let doublings = (4.0 * norm * h_s).max(1.0).log2().ceil() as i32;
     let step_s = h_s / 2.0_f64.powi(doublings);
@@ -377,14 +418,28 @@ fn held_integral(m: &StateMatrix, h_s: f64) -> StateMatrix {
     let mut sum = term;
     // The first term left out is below (1/4)^13/14! of the sum.
     for k in 1..=12 {
-        term = scaled * term / (k + 1) as f64;
+        term = block_product(&scaled, &term, n) / (k + 1) as f64;
         sum += term;
     }
     let mut integral = sum * step_s;
     for _ in 0..doublings {
-        integral = integral * (StateMatrix::identity() * 2.0 + m * integral);
+        let grown = StateMatrix::identity() * 2.0 + block_product(m, &integral, n);
+        integral = block_product(&integral, &grown, n);
     }
     integral
+}
+
+/// The product of the leading n×n blocks: most plants have few states.
+fn block_product(a: &StateMatrix, b: &StateMatrix, n: usize) -> StateMatrix {
+    let mut product = StateMatrix::zeros();
+    for j in 0..n {
+        for k in 0..n {
+            for i in 0..n {
+                product[(i, j)] += a[(i, k)] * b[(k, j)];
+            }
+        }
+    }
+    product
 }
 
 impl LinearPlant {
@@ -392,6 +447,7 @@ impl LinearPlant {
         let pseudo_inverse = design.c.clone().pseudo_inverse(1e-12).expect("the tolerance is not negative");
         let never = HeldIntegral { h_s: 0.0, integral: StateMatrix::zeros() };
         Self {
+            n_states: design.n_states(),
             a: padded(&design.a),
             a_e: padded(&design.error_dynamics()),
             b: padded(&design.b),
@@ -427,16 +483,16 @@ impl Plant<MAX_OUTPUTS> for LinearPlant {
         h_s: f64,
     ) -> LinearState {
         let slope = self.a_e * at.state + self.gain * output + self.b * force;
-        at.state + self.holding.of(&self.a_e, h_s) * slope
+        at.state + self.holding.of(&self.a_e, self.n_states, h_s) * slope
     }
 
     fn coast(&mut self, at: &Moment<LinearState>, force: &LinearOutput, h_s: f64) -> LinearState {
         let slope = self.a * at.state + self.b * force;
-        at.state + self.coasting.of(&self.a, h_s) * slope
+        at.state + self.coasting.of(&self.a, self.n_states, h_s) * slope
     }
 }
 
-/// The largest h σ φᵀφ that keeps the sampled law stable for every step up to the longest hold; 0 where none does.
+/// The largest σ φᵀφ (1/s²) that keeps the sampled law stable for every step up to the longest hold; 0 where none does.
 ///
 /// With the output frozen at y, the errors e of the state and F of the matched input follow, on the observable part,
 ///
@@ -444,49 +500,94 @@ impl Plant<MAX_OUTPUTS> for LinearPlant {
 /// F⁺ = F − s Γ_f C e,    e⁺ = e^{A_e h} e + ∫₀^h e^{A_e τ} dτ B F⁺,    s = h σ φᵀφ
 /// ```
 ///
-/// The bound is where the spectral radius of this map first exceeds 1; it has no closed form here.
-pub(crate) fn largest_gain_of_every_step(design: &LinearDesign) -> f64 {
-    const STEPS: usize = 12;
-    (1..=STEPS)
-        .map(|i| largest_gain(design, design.hold_s * i as f64 / STEPS as f64))
+/// The bound is where the spectral radius of this map first exceeds 1; it has no closed form here. It is looked for
+/// on a grid of steps, fine against the fastest oscillation of A_e, and in the limit of short steps, that of the
+/// continuous law.
+pub(crate) fn largest_learning_of_every_step(design: &LinearDesign) -> f64 {
+    let part = design.observable_part();
+    let fastest = eigenvalues(&part.error_dynamics()).iter().map(|pole| pole.im.abs()).fold(0.0, f64::max);
+    let n_steps = (8.0 * fastest * design.hold_s).ceil().clamp(24.0, 400.0) as usize;
+    let grid = (1..=n_steps).map(|i| i as f64 / n_steps as f64);
+    grid.map(|share| share * design.hold_s)
+        .map(|h_s| largest_gain(&part, &design.adaptation_rate, h_s) / h_s)
+        .chain([largest_continuous_learning(&part, &design.adaptation_rate)])
         .fold(f64::INFINITY, f64::min)
 }
 
-fn largest_gain(design: &LinearDesign, h_s: f64) -> f64 {
-    let part = design.observable_part();
+fn largest_gain(part: &ObservablePart, adaptation_rate: &DMatrix<f64>, h_s: f64) -> f64 {
     let (n, m) = part.b.shape();
     let a_e = part.error_dynamics();
-    let integral = held_integral(&padded(&a_e), h_s).view((0, 0), (n, n)).into_owned();
+    let integral = held_integral(&padded(&a_e), n, h_s);
     let integral = DMatrix::from_fn(n, n, |i, j| integral[(i, j)]);
     let transition = DMatrix::identity(n, n) + &a_e * &integral;
     let to_state = &integral * &part.b;
-    let learning = &design.adaptation_rate * &part.c;
-    let is_stable = |s: f64| {
+    let learning = adaptation_rate * &part.c;
+    let excess = |s: f64| {
         let mut map = DMatrix::identity(n + m, n + m);
         map.view_mut((n, 0), (m, n)).copy_from(&(-s * &learning));
         map.view_mut((0, n), (n, m)).copy_from(&to_state);
         map.view_mut((0, 0), (n, n)).copy_from(&(&transition - s * &to_state * &learning));
-        eigenvalues(&map).iter().all(|eigenvalue| eigenvalue.norm() <= 1.0 + 1e-11)
+        let size = |x: &Complex<f64>| if x.re.is_nan() { f64::INFINITY } else { x.norm() };
+        eigenvalues(&map).iter().map(size).fold(0.0, f64::max) - 1.0
     };
-    // Where s ‖∫e^{A_e τ}B‖ ‖Γ_f C‖ is 1, learning acts within a step; the bound is of that order.
-    let unit = 1.0 / (spectral_norm(&to_state) * spectral_norm(&learning)).max(f64::MIN_POSITIVE);
-    let mut stable = 0.0;
-    for exponent in -40..=24 {
-        let s = unit * 10.0_f64.powf(f64::from(exponent) / 8.0);
-        if !is_stable(s) {
-            if stable == 0.0 {
-                break;
-            }
-            let (mut inside, mut outside) = (stable, s);
-            for _ in 0..60 {
-                let middle = 0.5 * (inside + outside);
-                if is_stable(middle) { inside = middle } else { outside = middle }
-            }
-            return inside;
+    // Where s ‖∫e^{A_e τ}B‖ ‖Γ_f C‖ is 1, learning acts within a step.
+    first_crossing(1.0 / (spectral_norm(&to_state) * spectral_norm(&learning)), excess)
+}
+
+/// The largest σ φᵀφ of the continuous law, `e' = A_e e + B F,  F' = −σ φᵀφ Γ_f C e`: the limit of short steps.
+fn largest_continuous_learning(part: &ObservablePart, adaptation_rate: &DMatrix<f64>) -> f64 {
+    let (n, m) = part.b.shape();
+    let a_e = part.error_dynamics();
+    let learning = adaptation_rate * &part.c;
+    let rate = spectral_norm(&a_e);
+    let excess = |g: f64| {
+        let mut dynamics = DMatrix::zeros(n + m, n + m);
+        dynamics.view_mut((0, 0), (n, n)).copy_from(&a_e);
+        dynamics.view_mut((0, n), (n, m)).copy_from(&part.b);
+        dynamics.view_mut((n, 0), (m, n)).copy_from(&(-g * &learning));
+        spectral_abscissa(&dynamics) / rate
+    };
+    first_crossing(rate * rate / (spectral_norm(&part.b) * spectral_norm(&learning)), excess)
+}
+
+/// The least x > 0 from which on `excess` is positive, looked for from far below `unit`, the size that x has as a rule,
+/// to far above; 0 where it is positive from the start.
+fn first_crossing(unit: f64, excess: impl Fn(f64) -> f64) -> f64 {
+    // Where x is small, the largest eigenvalue is at the edge of stability, up to rounding.
+    const ROUNDING: f64 = 1e-8;
+    let scan = |from: f64, to: f64, steps: i32| {
+        (0..=steps).map(move |i| from * (to / from).powf(f64::from(i) / f64::from(steps)))
+    };
+    let (mut below, mut above) = (0.0, None);
+    for x in scan(1e-10 * unit, 1e5 * unit, 60) {
+        if excess(x) > ROUNDING {
+            above = Some(x);
+            break;
         }
-        stable = s;
+        below = x;
     }
-    stable
+    while let Some(mut outside) = above {
+        if below == 0.0 {
+            return 0.0;
+        }
+        for _ in 0..40 {
+            let middle = 0.5 * (below + outside);
+            if excess(middle) <= ROUNDING { below = middle } else { outside = middle }
+        }
+        // What grows with x from the start only seemed stable where rounding hid it.
+        if (0.3 * ROUNDING..=ROUNDING).contains(&excess(0.5 * below)) {
+            return 0.0;
+        }
+        // A narrow window of instability may lie before.
+        let mut last = 0.0;
+        above = scan(0.05 * below, 0.999 * below, 24).find(|&x| {
+            let is_outside = excess(x) > ROUNDING;
+            last = if is_outside { last } else { x };
+            is_outside
+        });
+        below = if above.is_some() { last } else { below };
+    }
+    below
 }
 
 #[cfg(test)]
@@ -528,7 +629,7 @@ mod tests {
             block.view_mut((0, 0), (3, 3)).copy_from(&(&small * h));
             block.view_mut((0, 3), (3, 3)).copy_from(&(DMatrix::<f64>::identity(3, 3) * h));
             let expected = block.exp();
-            let found = held_integral(&padded(&small), h);
+            let found = held_integral(&padded(&small), 3, h);
             for i in 0..3 {
                 for j in 0..3 {
                     let size = expected.view((0, 3), (3, 3)).amax();
@@ -607,7 +708,11 @@ mod tests {
         };
         for h in [h, 0.1, 1.0] {
             let closed = crate::stability::largest_learning_rate(gain, h) * h * mass / rate;
-            assert!((largest_gain(&design, h) / closed - 1.0).abs() < 1e-6, "h {h}");
+            assert!(
+                (largest_gain(&design.observable_part(), &design.adaptation_rate, h) / closed - 1.0).abs()
+                    < 1e-6,
+                "h {h}"
+            );
         }
     }
 
@@ -615,7 +720,7 @@ mod tests {
     /// nothing to learn.
     #[test]
     fn one_percent_inside_of_the_general_bound_the_law_settles_and_one_percent_outside_it_diverges() {
-        let unlimited = StepLimit::OfEveryStep { largest_gain_s: f64::INFINITY };
+        let unlimited = StepLimit::OfEveryStep { largest_learning: f64::INFINITY };
         let dead_zone = DeadZone::new(DeadZoneShape::Step, 0.0, 1.0).unwrap();
         let design = oscillator();
         let space =
@@ -623,7 +728,8 @@ mod tests {
         let squared_features = space.value_at_zero() - space.power_function_at(&[0.0]).powi(2);
         let (at_rest, no_input) = (LinearOutput::zeros(), LinearOutput::zeros());
         let last_error = |h_s: f64, factor: f64| {
-            let scale = factor * largest_gain(&design, h_s) / (h_s * squared_features);
+            let scale = factor * largest_gain(&design.observable_part(), &design.adaptation_rate, h_s)
+                / (h_s * squared_features);
             let mut law =
                 Law::new(space.clone(), dead_zone, padded(&(scale * &design.adaptation_rate)), unlimited);
             let mut plant = LinearPlant::new(&design);
@@ -691,11 +797,11 @@ mod tests {
                 initial_state: None,
                 ..oscillator()
             };
-            let e0 = LinearObserver::new(&design).unwrap().certificate().e0();
+            let e0 = LinearObserver::new(&design).unwrap().certificate().unwrap().e0();
             let pair = design.observable_part().lure_pair().unwrap();
             let spread = pair.p.clone().symmetric_eigenvalues();
             let bound = (spread.max() / spread.min()).sqrt() * e0;
-            let integral = held_integral(&padded(&a_e), h_s).view((0, 0), (n, n)).into_owned();
+            let integral = held_integral(&padded(&a_e), n, h_s).view((0, 0), (n, n)).into_owned();
             let integral = DMatrix::from_fn(n, n, |i, j| integral[(i, j)]);
             let settle_s = 12.0 / -spectral_abscissa(&a_e);
             for greedy in [false, true] {
@@ -728,10 +834,18 @@ mod tests {
     #[test]
     fn designs_that_cannot_work_are_refused_by_name() {
         type Change = fn(&mut LinearDesign);
-        let cases: [(Parameter, Change); 9] = [
+        let cases: [(Parameter, Change); 13] = [
             (Parameter::Plant, |d| d.a = matrix(1, &[0.0, 1.0])),
-            (Parameter::Plant, |d| d.b = matrix(2, &[0.0, 1.0, 1.0, 0.0])),
-            (Parameter::Plant, |d| d.c = matrix(2, &[0.0, 1.0, 1.0, 0.0])),
+            (Parameter::Plant, |d| d.a[(0, 0)] = -1e308),
+            (Parameter::PlantInput, |d| d.b = matrix(2, &[0.0, 0.0])),
+            (Parameter::PlantInput, |d| d.b = DMatrix::zeros(1, 1)),
+            (Parameter::PlantOutput, |d| d.c = matrix(2, &[0.0, 1.0, 1.0, 0.0])),
+            (Parameter::PlantOutput, |d| d.c = matrix(1, &[0.0, 0.0])),
+            // An unstable mode that the output does not see.
+            (Parameter::PlantOutput, |d| {
+                d.a = matrix(2, &[5.0, 0.0, 0.0, -1.0]);
+                d.c = matrix(1, &[0.0, 1.0]);
+            }),
             (Parameter::Plant, |d| d.a[(0, 0)] = f64::NAN),
             (Parameter::Gain, |d| d.gain = matrix(2, &[-9.0, -9.0])),
             (Parameter::AdaptationRate, |d| d.adaptation_rate[(0, 0)] = 1e9),
@@ -754,5 +868,58 @@ mod tests {
         let error = LinearObserver::new(&design).unwrap_err();
         assert_eq!(error.parameter, Parameter::AdaptationRate);
         assert!(error.needed.contains("positive real"), "{error}");
+    }
+
+    /// Position measured, force learned, no gain: relative degree two, poles −2 and −3. The continuous law is stable for
+    /// γ σ κ(0) < 30 (Routh: (2 + 3) · 6 > γ σ κ(0)); short steps come near it, and no step is held to less than that
+    /// by the bound of another.
+    #[test]
+    fn short_steps_have_the_bound_of_the_continuous_law() {
+        let design = LinearDesign {
+            a: matrix(2, &[0.0, 1.0, -6.0, -5.0]),
+            b: matrix(2, &[0.0, 1.0]),
+            c: matrix(1, &[1.0, 0.0]),
+            gain: matrix(2, &[0.0, 0.0]),
+            adaptation_rate: matrix(1, &[1.0]),
+            ..oscillator()
+        };
+        let bound = largest_learning_of_every_step(&design);
+        assert!((0.95..1.0001).contains(&(bound / 30.0)), "{bound}");
+    }
+
+    /// A lightly damped plant that is sampled slowly has narrow bands of steps in which it is least stable.
+    #[test]
+    fn no_step_of_a_lightly_damped_plant_is_less_stable_than_the_bound() {
+        let design = LinearDesign {
+            a: matrix(2, &[0.0, 1.0, -3600.0, -0.6]),
+            b: matrix(2, &[0.0, 1.0]),
+            c: matrix(1, &[0.3, 1.0]),
+            gain: matrix(2, &[0.0, 0.2]),
+            adaptation_rate: matrix(1, &[35.0]),
+            hold_s: 0.15,
+            ..oscillator()
+        };
+        let bound = largest_learning_of_every_step(&design);
+        let part = design.observable_part();
+        for i in 1..=2000 {
+            let h_s = 0.15 * f64::from(i) / 2000.0;
+            let here = largest_gain(&part, &design.adaptation_rate, h_s) / h_s;
+            // Half of that is what a step is held to.
+            assert!(bound < 1.1 * here, "h {h_s}: {here}, bound {bound}");
+        }
+    }
+
+    /// A client that leaves garbage behind the m entries of its output changes nothing.
+    #[test]
+    fn entries_beyond_the_outputs_are_ignored() {
+        let (mut clean, mut dirty) =
+            (LinearObserver::new(&oscillator()).unwrap(), LinearObserver::new(&oscillator()).unwrap());
+        for j in 0..100_u64 {
+            let output = LinearOutput::from_fn(|i, _| if i == 0 { (j as f64 * 0.1).sin() } else { 0.0 });
+            let garbage = LinearOutput::from_fn(|i, _| if i == 0 { output[0] } else { 1e6 });
+            clean.accept(j * 5_000_000, Some(output), None);
+            dirty.accept(j * 5_000_000, Some(garbage), Some(garbage - output));
+        }
+        assert_eq!(clean.estimate(500_000_000), dirty.estimate(500_000_000));
     }
 }

@@ -86,6 +86,9 @@ impl ScaledKernel {
     }
 }
 
+/// Factoring more takes hours, and 8 N² bytes.
+const MOST_CENTERS: usize = 20_000;
+
 /// H_N = span {𝒦(ξ_j,·) a}: a kernel on N centers, factored once.
 ///
 /// # Source
@@ -127,6 +130,10 @@ impl NativeSpace {
             return Err(DesignError::new(Parameter::Nugget, nugget.to_string(), "a finite number ≥ 0"));
         }
         let n = centers.n_centers();
+        if n > MOST_CENTERS {
+            let found = format!("{n} centers, whose Gram matrix takes {:.0} GB", 8e-9 * (n as f64).powi(2));
+            return Err(DesignError::new(Parameter::Centers, found, format!("at most {MOST_CENTERS}")));
+        }
         let axis_run = |(axis, scale): (usize, &f64)| {
             let mut run: Vec<f64> = centers.points().map(|p| p[axis] * scale).collect();
             run.resize(whole_lanes(n), 0.0);
@@ -162,7 +169,7 @@ impl NativeSpace {
 
     fn not_positive_definite(&self, gram: &DMatrix<f64>) -> DesignError {
         let largest = largest_eigenvalue(gram.nrows(), |x| gram * x);
-        let condition = largest / (f64::EPSILON * self.value_at_zero);
+        let condition = largest / (gram.nrows() as f64 * f64::EPSILON * self.value_at_zero);
         let pair = match self.centers.closest_pair(&self.kernel.inverse_length_scales) {
             Some((a, b, distance)) => {
                 format!("the closest pair, centers {a} and {b}, is {distance:.3e} length scales apart")
@@ -270,11 +277,13 @@ impl NativeSpace {
     pub fn sup_power_function(&self) -> Supremum {
         let n = self.n_centers();
         let mut buffers = FeatureBuffers::new(self);
-        self.search(
+        let found = self.search(
             |rho| (2.0 * (self.value_at_zero - self.kernel.radial.value(rho))).max(0.0).sqrt(),
             n * n,
             |y| self.power_function(self.features(y, &mut buffers)),
-        )
+        );
+        // Nowhere is it more than far from all centers.
+        Supremum { upper_bound: found.upper_bound.min(self.value_at_zero.sqrt()), ..found }
     }
 
     /// The fill distance `h = sup_y min_j |y − ξ_j|` over the box of the centers, in length scales.

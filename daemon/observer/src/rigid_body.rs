@@ -323,12 +323,12 @@ impl RigidBodyObserver {
 
     /// What the theorems claim for the translation.
     pub fn translation_certificate(&self) -> Option<&Certificate> {
-        self.translation.as_ref().map(|timeline| &timeline.certificate)
+        self.translation.as_ref()?.certificate.as_ref()
     }
 
     /// What the theorems claim for the rotation.
     pub fn rotation_certificate(&self) -> Option<&Certificate> {
-        self.rotation.as_ref().map(|timeline| &timeline.certificate)
+        self.rotation.as_ref()?.certificate.as_ref()
     }
 
     /// The rotation's law, its space and weights.
@@ -347,7 +347,7 @@ where
     Body<K>: crate::timeline::Plant<3, State = BodyState<K>>,
 {
     let Channel { law, integrator } = Channel::new(design)?;
-    let certificate = Certificate::of_channel(design, law.space());
+    let certificate = Some(Certificate::of_channel(design, law.space()));
     let initial = BodyState { rate: initial_rate.unwrap_or_default(), pose: initial_pose };
     let body = Body::new(integrator, known_force, initial_rate);
     Ok(Timeline::new(law, body, certificate, (design.hold_s, design.coast_step_s), initial))

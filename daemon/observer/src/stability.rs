@@ -38,8 +38,8 @@ pub(crate) enum StepLimit {
     },
     /// The least bound over all steps up to the longest hold.
     OfEveryStep {
-        /// h σ φᵀφ (s).
-        largest_gain_s: f64,
+        /// σ φᵀφ (the law's adaptation rate included in the bound).
+        largest_learning: f64,
     },
 }
 
@@ -50,7 +50,7 @@ impl StepLimit {
             Self::Integrator { gain_per_s, fastest_learning } => {
                 largest_learning_rate(*gain_per_s, h_s) / (fastest_learning * squared_features)
             }
-            Self::OfEveryStep { largest_gain_s } => largest_gain_s / (h_s * squared_features),
+            Self::OfEveryStep { largest_learning } => largest_learning / squared_features,
         }
     }
 }

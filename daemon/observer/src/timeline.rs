@@ -74,7 +74,8 @@ const LONGEST_STEP_NS: u64 = 250_000_000;
 #[derive(Debug, Clone)]
 pub(crate) struct Timeline<P: Plant<M>, const M: usize> {
     pub(crate) law: Law<M>,
-    pub(crate) certificate: Certificate,
+    /// `None` where the error dynamics are not strictly positive real: then nothing is claimed.
+    pub(crate) certificate: Option<Certificate>,
     plant: P,
     hold_ns: u64,
     coast_step_ns: u64,
@@ -100,7 +101,7 @@ impl<P: Plant<M>, const M: usize> Timeline<P, M> {
     pub(crate) fn new(
         law: Law<M>,
         plant: P,
-        certificate: Certificate,
+        certificate: Option<Certificate>,
         (hold_s, coast_step_s): (f64, f64),
         initial: P::State,
     ) -> Self {
@@ -297,10 +298,9 @@ impl<P: Plant<M>, const M: usize> Timeline<P, M> {
             activation: at.learning.activation,
             power_function: power_function / space.value_at_zero().sqrt(),
             native_norm: self.law.native_norm(),
-            error_bound: if at.coasting {
-                f64::INFINITY
-            } else {
-                self.certificate.error_bound(power_function)
+            error_bound: match &self.certificate {
+                Some(certificate) if !at.coasting => certificate.error_bound(power_function),
+                _ => f64::INFINITY,
             },
             output_age_s: match self.output_stamp_ns {
                 Some(output_stamp_ns) => seconds(stamp_ns.saturating_sub(output_stamp_ns)),
@@ -328,7 +328,7 @@ pub struct ChannelReport {
     pub power_function: f64,
     /// ‖f̂_N‖ of the committed weights.
     pub native_norm: f64,
-    /// max(d, E₀), a bound and not a covariance; +∞ while coasting.
+    /// max(d, e_N) of the [`Certificate`], a bound and not a covariance; +∞ while coasting, or where there is none.
     pub error_bound: f64,
     /// Time since the newest output's stamp (s); +∞ before the first.
     pub output_age_s: f64,

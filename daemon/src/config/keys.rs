@@ -40,6 +40,8 @@ pub(super) fn key_of(table: &str, parameter: Parameter) -> &'static str {
         Parameter::Fix => pick("position_fix_gain_per_s", "attitude_fix_gain_per_s", ""),
         Parameter::Channels => "",
         Parameter::Plant => "a",
+        Parameter::PlantInput => "b",
+        Parameter::PlantOutput => "c",
         Parameter::InitialState => "initial_state",
     }
 }
@@ -110,7 +112,7 @@ pub(super) const KEYS: &[(&str, &str)] = &[
     ),
     (
         "translation.kernel",
-        "Kernel κ: \"sobolev-matern-K\" (order K, 2 or more: the higher, the smoother what is learned), \"gaussian\", \"wendland-c2\", \"wendland-c4\".",
+        "Kernel κ: \"sobolev-matern-K\" (an order K above half the number of outputs: the higher, the smoother what is learned), \"gaussian\", \"wendland-c2\", \"wendland-c4\".",
     ),
     (
         "translation.length_scale_m_s",
@@ -162,7 +164,7 @@ pub(super) const KEYS: &[(&str, &str)] = &[
     ("rotation.adaptation_rate_n_m", "Adaptation rate Γ_f: a number, three numbers (diagonal) or 3 × 3."),
     (
         "rotation.kernel",
-        "Kernel κ: \"sobolev-matern-K\" (order K, 2 or more: the higher, the smoother what is learned), \"gaussian\", \"wendland-c2\", \"wendland-c4\".",
+        "Kernel κ: \"sobolev-matern-K\" (an order K above half the number of outputs: the higher, the smoother what is learned), \"gaussian\", \"wendland-c2\", \"wendland-c4\".",
     ),
     (
         "rotation.length_scale_rad_s",
@@ -207,7 +209,7 @@ pub(super) const KEYS: &[(&str, &str)] = &[
     ("linear.adaptation_rate", "Adaptation rate Γ_f: a number, one per output (diagonal), or m × m."),
     (
         "linear.kernel",
-        "Kernel κ: \"sobolev-matern-K\" (order K, 2 or more: the higher, the smoother what is learned), \"gaussian\", \"wendland-c2\", \"wendland-c4\".",
+        "Kernel κ: \"sobolev-matern-K\" (an order K above half the number of outputs: the higher, the smoother what is learned), \"gaussian\", \"wendland-c2\", \"wendland-c4\".",
     ),
     (
         "linear.length_scale",

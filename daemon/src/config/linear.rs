@@ -96,8 +96,8 @@ impl LinearConfig {
         }
         Ok(LinearDesign {
             a: matrix(Parameter::Plant, "a", &self.a)?,
-            b: matrix(Parameter::Plant, "b", &self.b)?,
-            c: matrix(Parameter::Plant, "c", &self.c)?,
+            b: matrix(Parameter::PlantInput, "b", &self.b)?,
+            c: matrix(Parameter::PlantOutput, "c", &self.c)?,
             gain: matrix(Parameter::Gain, "gain", &self.gain)?,
             kernel: self.kernel.kernel(n_outputs),
             length_scale: self.length_scale.length_scale(),

@@ -516,14 +516,12 @@ impl ConfigFile {
     /// # Errors
     /// The key, its line, what was found and what would be accepted.
     pub fn estimator(&self) -> Result<Estimator, ConfigError> {
+        self.check_service()?;
         let config = &self.config;
         let linear = self.linear_design()?.map(|design| LinearObserver::new(&design)).transpose();
         let linear = linear.map_err(|error| self.refuse("linear", &error))?;
         let rigid_body = match (&linear, &config.translation, &config.rotation) {
-            (Some(_), None, None) => {
-                self.check_service()?;
-                None
-            }
+            (Some(_), None, None) => None,
             _ => Some(self.observer()?),
         };
         Ok(Estimator { rigid_body, linear })
