@@ -564,7 +564,7 @@ struct Machine {
     cpu: String,
     cores: usize,
     profile: &'static str,
-    /// The widest vector instructions that the compiler was allowed to use.
+    /// The vector unit that steps run on.
     vector_instructions: &'static str,
     pinned_core: Option<usize>,
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -588,7 +588,7 @@ impl Machine {
             cpu: cpu_model().unwrap_or_else(|| "unknown CPU".into()),
             cores,
             profile: if cfg!(debug_assertions) { "debug" } else { "release" },
-            vector_instructions: vector_instructions(),
+            vector_instructions: observer::vector_unit(),
             pinned_core,
             pinned_core_reason,
             clock_ns: quantile(&clock_ns, 0.5),
@@ -615,23 +615,13 @@ fn cpu_model() -> Option<String> {
     Some(line.split_once(':')?.1.trim().to_owned())
 }
 
-fn vector_instructions() -> &'static str {
-    match () {
-        () if cfg!(target_feature = "avx512f") => "AVX-512",
-        () if cfg!(target_feature = "avx2") => "AVX2",
-        () if cfg!(target_feature = "sse2") => "SSE2",
-        () if cfg!(target_feature = "neon") => "NEON",
-        () => "none",
-    }
-}
-
 fn print_table(machine: &Machine, rows: &[Row]) {
     let pinned = match (&machine.pinned_core, &machine.pinned_core_reason) {
         (Some(core), _) => format!("pinned to core {core}"),
         (None, reason) => format!("not pinned ({})", reason.as_deref().unwrap_or("unknown reason")),
     };
     outln!(
-        "{}, {} cores; {} build with {}; {pinned}; reading the clock takes {} ns, contained in every sample",
+        "{}, {} cores; {} build, steps on {}; {pinned}; reading the clock takes {} ns, contained in every sample",
         machine.cpu,
         machine.cores,
         machine.profile,

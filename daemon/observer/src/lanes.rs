@@ -37,6 +37,11 @@ impl<L: VectorLoop> WithSimd for WithUnit<L> {
     }
 }
 
+/// The vector unit that steps run on, in words.
+pub fn vector_unit() -> &'static str {
+    VectorUnit::of_this_machine().name()
+}
+
 /// The vector unit of this machine.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct VectorUnit(Arch);
@@ -60,7 +65,7 @@ impl VectorUnit {
     }
 
     /// Its name, for benches.
-    pub(crate) fn name(self) -> &'static str {
+    fn name(self) -> &'static str {
         match self.0 {
             #[cfg(target_arch = "x86_64")]
             Arch::V4(_) => "AVX-512",

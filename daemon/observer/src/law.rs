@@ -138,8 +138,8 @@ impl<const M: usize> Law<M> {
         if held.activation == 0.0 || h_s == 0.0 {
             return Learning { activation: held.activation, ..Learning::none() };
         }
-        let allowed = STABILITY_MARGIN * self.step_limit.largest_activation(h_s, held.squared_features);
-        let activation = held.activation.min(allowed);
+        let activation =
+            self.step_limit.limited(held.activation, STABILITY_MARGIN, h_s, held.squared_features);
         Learning {
             activation,
             clamped: activation < held.activation,

@@ -82,6 +82,7 @@ pub use channel::{Channel, ChannelDesign, DisturbanceBounds, Integrator, Segment
 pub use dead_zone::{DeadZone, DeadZoneShape};
 pub use design_report::{DesignReport, Finding, LengthScaleEffect, Verdict, length_scale_effect};
 pub use kernel::{Kernel, RadialFunction};
+pub use lanes::vector_unit;
 pub use law::{Law, Learning};
 pub use linear::{
     LinearDesign, LinearEstimate, LinearObserver, LinearOutput, LinearState, MAX_OUTPUTS, MAX_STATES,

@@ -246,11 +246,6 @@ impl NativeSpace {
         self.unit
     }
 
-    /// The vector unit that steps run on, in words.
-    pub fn vector_unit(&self) -> &'static str {
-        self.unit.name()
-    }
-
     /// P_N(y) = √(κ(0) − φᵀφ), from φᵀφ: how badly the centers cover y; √κ(0) where they cover nothing, 0 at a
     /// center (there the difference is rounding noise).
     ///

@@ -61,9 +61,9 @@ impl VectorLoop for Product<'_> {
             // Four sums at a time: one multiply-add takes as long as four of them take to start.
             let mut sums = [[0.0; LANES]; 4];
             for (columns, x) in columns.as_chunks::<4>().0.iter().zip(x.as_chunks::<4>().0) {
-                for q in 0..4 {
-                    for l in 0..LANES {
-                        sums[q][l] = multiply_add::<S>(columns[q].0[l], x[q], sums[q][l]);
+                for ((sums, column), x) in sums.iter_mut().zip(columns).zip(x) {
+                    for (sum, entry) in sums.iter_mut().zip(&column.0) {
+                        *sum = multiply_add::<S>(*entry, *x, *sum);
                     }
                 }
             }

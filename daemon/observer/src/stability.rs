@@ -44,13 +44,21 @@ pub(crate) enum StepLimit {
 }
 
 impl StepLimit {
-    /// The largest σ for a step of `h_s` and this φᵀφ.
-    pub(crate) fn largest_activation(&self, h_s: f64, squared_features: f64) -> f64 {
+    /// σ, or `margin` times the largest σ for a step of `h_s` and this φᵀφ where that is less.
+    pub(crate) fn limited(&self, activation: f64, margin: f64, h_s: f64, squared_features: f64) -> f64 {
         match self {
             Self::Integrator { gain_per_s, fastest_learning } => {
-                largest_learning_rate(*gain_per_s, h_s) / (fastest_learning * squared_features)
+                let learning = activation * fastest_learning * squared_features;
+                // The bound is at least 2/h², since 1 + E ≥ 1 and b ≤ h: most steps need no more than that.
+                if learning * h_s * h_s <= 2.0 * margin {
+                    return activation;
+                }
+                let largest = largest_learning_rate(*gain_per_s, h_s);
+                activation.min(margin * largest / (fastest_learning * squared_features))
             }
-            Self::OfEveryStep { largest_learning } => largest_learning / squared_features,
+            Self::OfEveryStep { largest_learning } => {
+                activation.min(margin * largest_learning / squared_features)
+            }
         }
     }
 }
