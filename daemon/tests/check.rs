@@ -53,7 +53,8 @@ fn the_papers_translation_by_hand() {
             2.0 * (1.0 + (-0.075_f64).exp()) * 40.0 / (0.0075 * (1.0 - (-0.075_f64).exp()) * pi * pi / 4.0),
             1e-9,
         ),
-        ("bytes", 8.0 * (27.0 * 28.0 / 2.0 + 81.0), 1e-15),
+        // 27 rows are four panels of eight, 8 + 16 + 24 + 32 columns of eight numbers; and three coordinates of 32.
+        ("bytes", 8.0 * (80.0 * 8.0 + 3.0 * 32.0), 1e-15),
     ] {
         assert_close(&translation, key, expected, relative);
     }

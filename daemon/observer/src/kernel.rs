@@ -222,3 +222,54 @@ fn normalized_bessel(nu: usize, r: f64) -> f64 {
     }
     current
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::lanes::{VectorLoop, VectorUnit};
+
+    struct Replace<'a>(&'a RadialFunction, &'a mut [f64]);
+
+    impl VectorLoop for Replace<'_> {
+        type Output = ();
+
+        #[inline(always)]
+        fn call<S: Simd>(self, _: S) {
+            self.0.replace_squares::<S>(self.1);
+        }
+    }
+
+    /// What steps evaluate against the plain values, which `tests/reference_tables.rs` compares with mpmath.
+    #[test]
+    fn kernels_in_vectors_have_the_plain_values() {
+        let matern = |dimension, order| (Kernel::SobolevMatern { dimension, order }, dimension);
+        let kernels = [
+            matern(3, 2),
+            matern(3, 3),
+            matern(3, 4),
+            matern(3, 9),
+            matern(2, 2),
+            matern(4, 5),
+            matern(1, 1),
+        ];
+        let others = [Kernel::Gaussian, Kernel::WendlandC2, Kernel::WendlandC4].map(|kernel| (kernel, 3));
+        let distances: Vec<f64> =
+            (0..4000).map(|i| i as f64 * 0.005).chain([1e-12, 1e-6, 50.0, 300.0]).collect();
+        for (kernel, dimension) in kernels.into_iter().chain(others) {
+            let radial = kernel.radial(dimension).unwrap();
+            for unit in [VectorUnit::of_this_machine(), VectorUnit::baseline()] {
+                let mut values: Vec<f64> = distances.iter().map(|r| r * r).collect();
+                unit.run(Replace(&radial, &mut values));
+                for (r, found) in distances.iter().zip(values) {
+                    // Through the square and its root, r itself has moved by a rounding error.
+                    let expected = radial.value((r * r).sqrt());
+                    let tolerance = 1e-13 * expected + 1e-16 * f64::from(expected < 1e-300);
+                    assert!(
+                        (found - expected).abs() <= tolerance,
+                        "{kernel:?} at {r}: {found:e} {expected:e}"
+                    );
+                }
+            }
+        }
+    }
+}
