@@ -253,7 +253,7 @@ impl NativeSpace {
     /// Niu et al., eq. (power function): with 𝒦 = 𝔎 I_m all m entries of its maximum are the same.
     pub fn power_function(&self, squared_features: f64) -> f64 {
         let square = self.value_at_zero - squared_features;
-        if square > 4.0 * f64::EPSILON * self.value_at_zero { square.sqrt() } else { 0.0 }
+        if square > 16.0 * f64::EPSILON * self.value_at_zero { square.sqrt() } else { 0.0 }
     }
 
     /// P_N(y).
