@@ -1,6 +1,6 @@
 //! A lower triangular matrix in panels, for products at the speed of the memory.
 
-use crate::lanes::{LANES, Lanes, VectorLoop, multiply_add, sum, whole_lanes};
+use crate::lanes::{LANES, Lanes, VectorLoop, whole_lanes};
 use nalgebra::DMatrix;
 use pulp::Simd;
 
@@ -51,30 +51,37 @@ impl VectorLoop for Product<'_> {
     type Output = f64;
 
     #[inline(always)]
-    fn call<S: Simd>(self, _: S) -> f64 {
+    fn call<S: Simd>(self, simd: S) -> f64 {
+        let zero = simd.splat_f64s(0.0);
         let mut rest = self.factor.panels.as_slice();
-        let mut squares = [0.0; LANES];
+        let mut squares = zero;
         let (products, _) = self.product.as_chunks_mut::<LANES>();
         for (panel, product) in products.iter_mut().enumerate() {
             let (columns, below) = rest.split_at(LANES * (panel + 1));
             let x = &self.x[..LANES * (panel + 1)];
-            // Four sums at a time: one multiply-add takes as long as four of them take to start.
-            let mut sums = [[0.0; LANES]; 4];
+            // Four sums at a time: one multiply-add takes as long as four of them take to start. Of the LANES registers
+            // of each as many are used as hold eight numbers here.
+            let mut sums = [[zero; LANES]; 4];
             for (columns, x) in columns.as_chunks::<4>().0.iter().zip(x.as_chunks::<4>().0) {
-                for ((sums, column), x) in sums.iter_mut().zip(columns).zip(x) {
-                    for (sum, entry) in sums.iter_mut().zip(&column.0) {
-                        *sum = multiply_add::<S>(*entry, *x, *sum);
+                for ((sums, column), &x) in sums.iter_mut().zip(columns).zip(x) {
+                    let (column, _) = S::as_simd_f64s(&column.0);
+                    let x = simd.splat_f64s(x);
+                    for (sum, &entries) in sums.iter_mut().zip(column) {
+                        *sum = simd.mul_add_e_f64s(entries, x, *sum);
                     }
                 }
             }
-            for l in 0..LANES {
-                let entry = (sums[0][l] + sums[1][l]) + (sums[2][l] + sums[3][l]);
-                product[l] = entry;
-                squares[l] = multiply_add::<S>(entry, entry, squares[l]);
+            let (product, _) = S::as_mut_simd_f64s(product);
+            let [first, second, third, fourth] = sums;
+            for (i, entries) in product.iter_mut().enumerate() {
+                let sum =
+                    simd.add_f64s(simd.add_f64s(first[i], second[i]), simd.add_f64s(third[i], fourth[i]));
+                *entries = sum;
+                squares = simd.mul_add_e_f64s(sum, sum, squares);
             }
             rest = below;
         }
-        sum(&squares)
+        simd.reduce_sum_f64s(squares)
     }
 }
 
