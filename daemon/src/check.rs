@@ -5,8 +5,9 @@ use crate::estimator::Estimator;
 use comfy_table::{ContentArrangement, Table, presets::NOTHING};
 use nalgebra::Vector3;
 use observer::{
-    Centers, Certificate, DesignError, DesignReport, InitialState, Kernel, LengthScale, LengthScaleEffect,
-    LinearObserver, LinearOutput, RigidBodyObserver, Sample, Velocity, Verdict, length_scale_effect,
+    Centers, Certificate, ChannelDesign, DesignError, DesignReport, InitialState, Kernel, LengthScale,
+    LengthScaleEffect, LinearObserver, LinearOutput, RigidBodyObserver, Sample, Velocity, Verdict,
+    length_scale_effect,
 };
 use rustix::stdio::stdout;
 use rustix::termios::tcgetwinsize;
@@ -15,8 +16,9 @@ use serde_json::{Value, json};
 use shared_types::outln;
 use std::time::Instant;
 
-/// Multiples of the length scale that are compared.
-const LENGTH_SCALE_FACTORS: [f64; 5] = [0.5, 0.7, 1.0, 1.4, 2.0];
+/// Multiples of the length scale that are compared with it.
+const SHORTER: [f64; 2] = [0.5, 0.7];
+const LONGER: [f64; 2] = [1.4, 2.0];
 /// Comparing length scales factors a Gram matrix for each: not with more centers than this.
 const MOST_CENTERS_TO_COMPARE: usize = 729;
 /// Steps timed for the time per step.
@@ -26,8 +28,8 @@ const TIMED_STEPS: u64 = 400;
 pub struct ChannelCheck {
     /// Its table in the configuration.
     pub name: &'static str,
-    output_unit: &'static str,
-    rate_unit: &'static str,
+    /// Of the output, and of the adaptation rate; empty where they are the user's own.
+    units: (&'static str, &'static str),
     report: DesignReport,
     length_scales: Vec<LengthScaleEffect>,
     /// Median time of one step on this machine (ns), or why `daemon run` refuses the channel.
@@ -48,54 +50,57 @@ impl ChannelCheck {
 pub fn checks(file: &ConfigFile) -> Result<Vec<ChannelCheck>, ConfigError> {
     let mut checks = Vec::new();
     file.check_service()?;
-    let effect = |kernel: Kernel, scale: &LengthScale, centers: &Centers, nugget: f64| {
-        if centers.n_centers() > MOST_CENTERS_TO_COMPARE {
-            return Vec::new();
-        }
-        length_scale_effect(kernel, scale, centers, nugget, &LENGTH_SCALE_FACTORS)
-    };
     let refuse = |table: &'static str| move |error: DesignError| file.refuse(table, &error);
+    let body = |name, units, channel: &ChannelDesign, report, observer: Result<RigidBodyObserver, _>| {
+        let report = Result::map_err(report, refuse(name))?;
+        let length_scales = compared_length_scales(
+            &report,
+            (channel.kernel, &channel.length_scale, &channel.centers, channel.nugget),
+        );
+        let step_ns = observer.map(time_steps).map_err(refuse(name));
+        Ok::<_, ConfigError>(ChannelCheck { name, units, report, length_scales, step_ns })
+    };
     if let Some(design) = file.translation_design()? {
-        let channel = &design.channel;
-        checks.push(ChannelCheck {
-            name: "translation",
-            output_unit: "m/s",
-            rate_unit: "kg/s²",
-            report: DesignReport::of_translation(&design).map_err(refuse("translation"))?,
-            length_scales: effect(channel.kernel, &channel.length_scale, &channel.centers, channel.nugget),
-            step_ns: RigidBodyObserver::new(Some(design.clone()), None, InitialState::default())
-                .map(time_steps)
-                .map_err(refuse("translation")),
-        });
+        let report = DesignReport::of_translation(&design);
+        let observer = RigidBodyObserver::new(Some(design.clone()), None, InitialState::default());
+        checks.push(body("translation", ("m/s", "kg/s²"), &design.channel, report, observer)?);
     }
     if let Some(design) = file.rotation_design()? {
-        let channel = &design.channel;
-        checks.push(ChannelCheck {
-            name: "rotation",
-            output_unit: "rad/s",
-            rate_unit: "N·m",
-            report: DesignReport::of_rotation(&design).map_err(refuse("rotation"))?,
-            length_scales: effect(channel.kernel, &channel.length_scale, &channel.centers, channel.nugget),
-            step_ns: RigidBodyObserver::new(None, Some(design.clone()), InitialState::default())
-                .map(time_steps)
-                .map_err(refuse("rotation")),
-        });
+        let report = DesignReport::of_rotation(&design);
+        let observer = RigidBodyObserver::new(None, Some(design.clone()), InitialState::default());
+        checks.push(body("rotation", ("rad/s", "N·m"), &design.channel, report, observer)?);
     }
     if let Some(design) = file.linear_design()? {
         let names = file.config.linear.as_ref().and_then(|linear| linear.state_names.as_deref());
-        checks.push(ChannelCheck {
-            name: "linear",
-            output_unit: "",
-            rate_unit: "",
-            report: DesignReport::of_linear(&design, names).map_err(refuse("linear"))?,
-            length_scales: effect(design.kernel, &design.length_scale, &design.centers, design.nugget),
-            step_ns: LinearObserver::new(&design).map(time_linear_steps).map_err(refuse("linear")),
-        });
+        let report = DesignReport::of_linear(&design, names).map_err(refuse("linear"))?;
+        let length_scales = compared_length_scales(
+            &report,
+            (design.kernel, &design.length_scale, &design.centers, design.nugget),
+        );
+        let step_ns = LinearObserver::new(&design).map(time_linear_steps).map_err(refuse("linear"));
+        checks.push(ChannelCheck { name: "linear", units: ("", ""), report, length_scales, step_ns });
     }
     match checks.is_empty() {
         true => file.estimator().map(|_| checks),
         false => Ok(checks),
     }
+}
+
+/// cond(K) and cover for shorter and longer length scales; the design's own are those of its report.
+fn compared_length_scales(
+    report: &DesignReport,
+    (kernel, length_scale, centers, nugget): (Kernel, &LengthScale, &Centers, f64),
+) -> Vec<LengthScaleEffect> {
+    if centers.n_centers() > MOST_CENTERS_TO_COMPARE {
+        return Vec::new();
+    }
+    let compare = |factors: &[f64]| length_scale_effect(kernel, length_scale, centers, nugget, factors);
+    let own = LengthScaleEffect {
+        factor: 1.0,
+        gram_condition: Some(report.gram_condition),
+        relative_power_function: Some(report.sup_power_function.value / report.value_at_zero.sqrt()),
+    };
+    [compare(&SHORTER), vec![own], compare(&LONGER)].concat()
 }
 
 /// What a service runs with although it is not proven: one sentence for each channel that has some.
@@ -233,7 +238,7 @@ impl ChannelCheck {
             .collect();
         let mut document = json!({
             "name": self.name,
-            "output_unit": self.output_unit,
+            "output_unit": self.units.0,
             "states": report.states,
             "controllable": report.controllable,
             "observable": report.observable,
@@ -303,7 +308,7 @@ impl ChannelCheck {
     fn print(&self) {
         let report = &self.report;
         let unit = |unit: &str| if unit.is_empty() { String::new() } else { format!(" {unit}") };
-        let (output_unit, rate_unit) = (unit(self.output_unit), unit(self.rate_unit));
+        let (output_unit, rate_unit) = (unit(self.units.0), unit(self.units.1));
         outln!("{}, {} centers", self.name, report.n_centers);
         let mut table = wide_table();
         for finding in report.findings() {

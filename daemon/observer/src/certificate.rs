@@ -55,20 +55,18 @@ impl Certificate {
             (1.0, 1.0),
             design.bounds,
             &design.dead_zone,
-            space,
+            sup_if_needed(&design.bounds, space),
         )
     }
 
-    /// From λ_min(Q) and ‖PL‖, and from ‖C‖ and ‖PG‖.
+    /// From λ_min(Q) and ‖PL‖, from ‖C‖ and ‖PG‖, and from sup P_N.
     pub(crate) fn new(
         (lambda_min, pl_norm): (f64, f64),
         (output_norm, disturbance_norm): (f64, f64),
         bounds: DisturbanceBounds,
         dead_zone: &DeadZone,
-        space: &NativeSpace,
+        sup_power_function: f64,
     ) -> Self {
-        let sup_power_function =
-            if bounds.residual_norm > 0.0 { space.sup_power_function().value } else { 0.0 };
         Self {
             lambda_min,
             pl_norm,
@@ -112,4 +110,9 @@ impl Certificate {
     pub fn error_bound(&self, power_function: f64) -> f64 {
         self.dead_zone_width.max(self.state_radius(power_function))
     }
+}
+
+/// sup P_N, which is searched for only where r_f > 0 makes it count.
+pub(crate) fn sup_if_needed(bounds: &DisturbanceBounds, space: &NativeSpace) -> f64 {
+    if bounds.residual_norm > 0.0 { space.sup_power_function().value } else { 0.0 }
 }

@@ -110,10 +110,10 @@ pub struct Integrator {
 pub struct Segment {
     /// h (s).
     pub h_s: f64,
-    /// v̂ at its end.
-    pub end: Vector3<f64>,
     /// v̂ at its start.
     pub start: Vector3<f64>,
+    /// v̂ at its end.
+    pub end: Vector3<f64>,
     /// ∫v̂ over it.
     pub integral: Vector3<f64>,
     /// The output that was held; `None` while coasting.

@@ -12,6 +12,7 @@
 //! What is unobservable has no place in the theorems: they are about the observable part, and the rest is
 //! integrated from it. For a body whose velocity is measured that is the position.
 
+use crate::channel::dynamic;
 use crate::linear::largest_learning_of_every_step;
 use crate::linear_algebra::{
     LurePair, complement, eigenvalues, reachable_subspace, spectral_abscissa, spectral_norm,
@@ -140,9 +141,9 @@ impl DesignReport {
         let plant = WholePlant {
             states: axes("angular velocity").collect(),
             a: DMatrix::zeros(3, 3),
-            b: block([[inverse(&design.channel)]]),
-            measured: block([[identity]]),
-            error_dynamics: block([[-design.channel.gain_per_s * identity]]),
+            b: dynamic(&inverse(&design.channel)),
+            measured: dynamic(&identity),
+            error_dynamics: dynamic(&(-design.channel.gain_per_s * identity)),
         };
         Self::of_channel(&design.channel, plant)
     }
@@ -151,14 +152,14 @@ impl DesignReport {
         let space = channel.space()?;
         let law = LinearDesign {
             a: DMatrix::zeros(3, 3),
-            b: block([[inverse(channel)]]),
+            b: dynamic(&inverse(channel)),
             c: DMatrix::identity(3, 3),
             gain: DMatrix::identity(3, 3) * channel.gain_per_s,
             kernel: channel.kernel,
             length_scale: channel.length_scale.clone(),
             centers: channel.centers.clone(),
             nugget: channel.nugget,
-            adaptation_rate: block([[channel.adaptation_rate]]),
+            adaptation_rate: dynamic(&channel.adaptation_rate),
             dead_zone: channel.dead_zone,
             bounds: channel.bounds,
             hold_s: channel.hold_s,
@@ -200,14 +201,14 @@ impl DesignReport {
         let part = law.observable_part();
         let lure = part.lure_pair();
         let sup_power_function = space.sup_power_function();
-        let certificate = lure.as_ref().ok().map(|pair| Certificate {
-            lambda_min: pair.lambda_min,
-            pl_norm: pair.pl_norm,
-            output_norm: spectral_norm(&part.c),
-            disturbance_norm: disturbance_norm(pair),
-            bounds: law.bounds,
-            dead_zone_width: law.dead_zone.width(),
-            sup_power_function: sup_power_function.value,
+        let certificate = lure.as_ref().ok().map(|pair| {
+            Certificate::new(
+                (pair.lambda_min, pair.pl_norm),
+                (spectral_norm(&part.c), disturbance_norm(pair)),
+                law.bounds,
+                &law.dead_zone,
+                sup_power_function.value,
+            )
         });
         let adaptation_rate = law.adaptation_rate.clone().symmetric_eigenvalues().max();
         Self {

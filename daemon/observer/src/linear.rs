@@ -21,7 +21,7 @@
 //! # Source
 //! Niu et al., eqs. (plant dynamics), (state estimator), (final learning laws).
 
-use crate::certificate::Certificate;
+use crate::certificate::{Certificate, sup_if_needed};
 use crate::channel::{DisturbanceBounds, positive, positive_definite};
 use crate::law::Law;
 use crate::linear_algebra::{
@@ -223,8 +223,10 @@ impl LinearDesign {
     }
 }
 
-/// The adaptive observer of a linear plant (Niu et al., eqs. (state estimator), (final learning laws)). Samples go in with their stamps; estimates come out for any instant
-/// not before the newest sample. The same samples give the same bits, whoever asks and whenever.
+/// The adaptive observer of a linear plant (Niu et al., eqs. (state estimator), (final learning laws)).
+///
+/// Samples go in with their stamps; estimates come out for any instant not before the newest sample. The same
+/// samples give the same bits, whoever asks and whenever.
 #[derive(Debug, Clone)]
 pub struct LinearObserver {
     timeline: Timeline<LinearPlant, MAX_OUTPUTS>,
@@ -293,7 +295,7 @@ impl LinearObserver {
                 (spectral_norm(&part.c), pair.p_norm),
                 design.bounds,
                 &design.dead_zone,
-                &space,
+                sup_if_needed(&design.bounds, &space),
             )
         });
         let law = Law::new(

@@ -118,7 +118,9 @@ impl RigidBodyEstimate {
     }
 }
 
-/// The adaptive observer of a rigid body (Niu et al., §VI-A, §VI-B). Samples go in with their stamps; estimates come out for any
+/// The adaptive observer of a rigid body (Niu et al., §VI-A, §VI-B).
+///
+/// Samples go in with their stamps; estimates come out for any
 /// instant not before the newest sample.
 ///
 /// The same samples give the same estimates to the bit, whenever and however often estimates are asked for.
