@@ -144,6 +144,7 @@ fn channel(centers: Centers) -> anyhow::Result<Channel> {
         length_scale: LengthScale::Isotropic(LENGTH_SCALE),
         centers,
         nugget: 0.0,
+        solver: Solver::Dense,
         inertia: Matrix3::identity() * MASS_KG,
         gain_per_s: GAIN_PER_S,
         adaptation_rate: Matrix3::identity() * ADAPTATION_RATE,

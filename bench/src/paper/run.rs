@@ -107,6 +107,7 @@ fn channel(settings: &Settings) -> Result<Channel, UsageError> {
         length_scale: LengthScale::Isotropic(settings.length_scale),
         centers: Centers::lattice([-reach; 3], [reach; 3], [3; 3])?,
         nugget: 0.0,
+        solver: Solver::Dense,
         inertia,
         gain_per_s: settings.gain_per_s,
         adaptation_rate: Matrix3::identity() * settings.adaptation_rate,

@@ -2,6 +2,7 @@
 
 use crate::DesignError;
 use crate::Parameter;
+use std::sync::Arc;
 
 /// A lattice of more is a slip of the pen.
 const MOST_CENTERS: usize = 100_000_000;
@@ -14,7 +15,19 @@ const MOST_CENTERS: usize = 100_000_000;
 pub struct Centers {
     dimension: usize,
     /// Point after point, d numbers each.
-    coordinates: Vec<f64>,
+    coordinates: Arc<[f64]>,
+    lattice: Option<LatticeBox>,
+}
+
+/// A lattice: the box that it fills, and the number of points along each axis.
+#[derive(Debug, Clone, PartialEq)]
+pub struct LatticeBox {
+    /// One corner, in the output's unit.
+    pub lower: Vec<f64>,
+    /// The other corner.
+    pub upper: Vec<f64>,
+    /// Points along each axis.
+    pub per_axis: Vec<usize>,
 }
 
 impl Centers {
@@ -75,7 +88,9 @@ impl Centers {
                 rest %= below;
             }
         }
-        Ok(Self { dimension, coordinates })
+        let lattice =
+            LatticeBox { lower: lower.to_vec(), upper: upper.to_vec(), per_axis: per_axis.to_vec() };
+        Ok(Self { dimension, coordinates: coordinates.into(), lattice: Some(lattice) })
     }
 
     /// The given points.
@@ -100,12 +115,18 @@ impl Centers {
                 return refuse(format!("center {} is {point:?}", index + 1), "finite coordinates");
             }
         }
-        Ok(Self { dimension, coordinates: points.iter().flat_map(|p| p.as_ref()).copied().collect() })
+        let coordinates = points.iter().flat_map(|p| p.as_ref()).copied().collect();
+        Ok(Self { dimension, coordinates, lattice: None })
     }
 
     /// The points, in the order of all vectors of length N.
     pub fn points(&self) -> impl ExactSizeIterator<Item = &[f64]> + Clone {
         self.coordinates.chunks_exact(self.dimension)
+    }
+
+    /// The lattice that they were made as; `None` for listed centers.
+    pub fn lattice_box(&self) -> Option<&LatticeBox> {
+        self.lattice.as_ref()
     }
 
     /// d.

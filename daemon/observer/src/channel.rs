@@ -23,8 +23,9 @@
 //! | λ | `gain_per_s` | 1 | 1/s |
 
 use crate::law::Law;
+use crate::learned_function::LearnedFunction;
 use crate::stability::{StepLimit, largest_learning_rate};
-use crate::{Centers, DeadZone, DesignError, Kernel, LengthScale, NativeSpace, Parameter};
+use crate::{Centers, DeadZone, DesignError, Kernel, LengthScale, NativeSpace, Parameter, Solver};
 use nalgebra::{DMatrix, Matrix3, Vector3};
 
 /// Everything that a channel is made of.
@@ -38,6 +39,8 @@ pub struct ChannelDesign {
     pub centers: Centers,
     /// Added to the Gram matrix's diagonal, as a multiple of κ(0); ≥ 0.
     pub nugget: f64,
+    /// How f̂ is computed.
+    pub solver: Solver,
     /// M, symmetric positive definite (kg; kg·m²).
     pub inertia: Matrix3<f64>,
     /// λ > 0 (1/s).
@@ -128,8 +131,8 @@ impl Channel {
     /// positive, an inertia or adaptation rate that is not symmetric positive definite, centers without a
     /// positive definite Gram matrix, or an adaptation rate beyond the sampled-data bound.
     pub fn new(design: &ChannelDesign) -> Result<Self, DesignError> {
-        let space = design.space()?;
-        let factor = design.largest_rate_factor(&space);
+        let function = design.function()?;
+        let factor = design.largest_rate_factor(function.space());
         if factor <= 1.0 {
             let largest = design.adaptation_rate.symmetric_eigenvalues().max();
             return Err(DesignError::new(
@@ -146,7 +149,7 @@ impl Channel {
             fastest_learning: design.fastest_learning(),
         };
         Ok(Self {
-            law: Law::new(space, design.dead_zone, design.adaptation_rate, step_limit),
+            law: Law::new(function, &design.centers, design.dead_zone, design.adaptation_rate, step_limit),
             integrator: Integrator {
                 gain_per_s: design.gain_per_s,
                 inverse_inertia: design.inertia.try_inverse().expect("positive definite"),
@@ -167,15 +170,15 @@ impl Channel {
     ) -> Vector3<f64> {
         self.law.observe(output, estimate);
         let learning = self.law.learning(h_s);
-        let matched_force = self.law.matched_force(&learning);
+        let matched_force = self.law.matched_force(&learning).value;
         self.law.learn(&learning);
         self.integrator.follow(estimate, output, &(input + matched_force), h_s).end
     }
 }
 
 impl ChannelDesign {
-    /// Checks every range and builds the native space; whether the rate is stable is another question.
-    pub(crate) fn space(&self) -> Result<NativeSpace, DesignError> {
+    /// Checks every range and makes f̂ = 0; whether the rate is stable is another question.
+    pub(crate) fn function(&self) -> Result<LearnedFunction<3>, DesignError> {
         positive(Parameter::Gain, self.gain_per_s)?;
         positive(Parameter::Hold, self.hold_s)?;
         positive(Parameter::CoastStep, self.coast_step_s)?;
@@ -186,7 +189,7 @@ impl ChannelDesign {
             let found = format!("centers with {} coordinates", self.centers.dimension());
             return Err(DesignError::new(Parameter::Centers, found, "three, one per output"));
         }
-        NativeSpace::new(self.kernel, &self.length_scale, self.centers.clone(), self.nugget)
+        LearnedFunction::zero((self.kernel, &self.length_scale), &self.centers, self.nugget, &self.solver)
     }
 
     /// λ_max(M⁻¹ Γ_f): what the fastest direction learns per unit of φᵀφ and σ (1/s²).
@@ -273,6 +276,7 @@ mod tests {
             length_scale: LengthScale::Isotropic(1.0),
             centers: Centers::lattice([-1.0; 3], [1.0; 3], [3; 3]).unwrap(),
             nugget: 0.0,
+            solver: Solver::Dense,
             inertia: Matrix3::new(4.0, 0.5, 0.0, 0.5, 3.0, 0.2, 0.0, 0.2, 5.0),
             gain_per_s: 10.0,
             adaptation_rate: Matrix3::new(80.0, 5.0, 0.0, 5.0, 120.0, 0.0, 0.0, 0.0, 100.0),
@@ -318,7 +322,7 @@ mod tests {
                 decay * theirs + (1.0 - decay) / 10.0 * (10.0 * y + inertia.try_inverse().unwrap() * force);
 
             ours = channel.step(&ours, &y, &u, h);
-            let f_theta = channel.law.matched_force(&channel.law.learning(h));
+            let f_theta = channel.law.matched_force(&channel.law.learning(h)).value;
             let scale = f_alpha.norm().max(1.0);
             assert!(
                 (f_theta - Vector3::from_column_slice(f_alpha.as_slice())).norm() < 1e-10 * scale,

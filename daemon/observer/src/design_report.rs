@@ -13,13 +13,14 @@
 //! integrated from it. For a body whose velocity is measured that is the position.
 
 use crate::channel::dynamic;
+use crate::learned_function::LearnedFunction;
 use crate::linear::largest_learning_of_every_step;
 use crate::linear_algebra::{
     LurePair, complement, eigenvalues, reachable_subspace, spectral_abscissa, spectral_norm,
 };
 use crate::{
     Centers, Certificate, ChannelDesign, DeadZoneShape, DesignError, DisturbanceBounds, Kernel, LengthScale,
-    LinearDesign, NativeSpace, RotationDesign, Supremum, TranslationDesign,
+    LinearDesign, NativeSpace, RotationDesign, SolverInUse, Supremum, TranslationDesign,
 };
 use nalgebra::{Complex, DMatrix, Matrix3};
 
@@ -74,6 +75,9 @@ pub struct DesignReport {
     pub dead_zone_width: f64,
     /// N.
     pub n_centers: usize,
+    /// How f̂ is computed. Of a local solver, what follows is that of one block of neighbours: its P is at least P_N,
+    /// its condition at most K's.
+    pub solver: SolverInUse,
     /// κ(0).
     pub value_at_zero: f64,
     /// sup P_N over the box of the centers.
@@ -86,6 +90,8 @@ pub struct DesignReport {
     pub gram_condition: f64,
     /// Bytes that every step reads.
     pub bytes: usize,
+    /// Bytes that are held.
+    pub memory_bytes: usize,
     /// The largest eigenvalue of Γ_f.
     pub adaptation_rate: f64,
     /// What that may be at most with an output held for `hold_s` (exclusive), for σ = 1.
@@ -149,7 +155,7 @@ impl DesignReport {
     }
 
     fn of_channel(channel: &ChannelDesign, plant: WholePlant) -> Result<Self, DesignError> {
-        let space = channel.space()?;
+        let function = channel.function()?;
         let law = LinearDesign {
             a: DMatrix::zeros(3, 3),
             b: dynamic(&inverse(channel)),
@@ -159,6 +165,7 @@ impl DesignReport {
             length_scale: channel.length_scale.clone(),
             centers: channel.centers.clone(),
             nugget: channel.nugget,
+            solver: channel.solver,
             adaptation_rate: dynamic(&channel.adaptation_rate),
             dead_zone: channel.dead_zone,
             bounds: channel.bounds,
@@ -168,7 +175,13 @@ impl DesignReport {
         };
         // ξ is a force here: it enters through B.
         let through_input = |pair: &LurePair| spectral_norm(&(&pair.p * &law.b));
-        Ok(Self::assemble(&law, &space, plant, channel.largest_rate_factor(&space), through_input))
+        Ok(Self::assemble(
+            &law,
+            &function,
+            plant,
+            channel.largest_rate_factor(function.space()),
+            through_input,
+        ))
     }
 
     /// Of a general linear plant, with names for its states (x1, x2, … where there are none).
@@ -176,7 +189,7 @@ impl DesignReport {
     /// # Errors
     /// As [`crate::LinearObserver::new`], but neither poles nor adaptation rate have to be stable.
     pub fn of_linear(design: &LinearDesign, names: Option<&[String]>) -> Result<Self, DesignError> {
-        let space = design.space()?;
+        let function = design.function()?;
         let n = design.n_states();
         let plant = WholePlant {
             states: state_names(names, n),
@@ -185,13 +198,13 @@ impl DesignReport {
             measured: design.c.clone(),
             error_dynamics: design.error_dynamics(),
         };
-        let factor = largest_learning_of_every_step(design) / space.value_at_zero();
-        Ok(Self::assemble(design, &space, plant, factor, |pair| pair.p_norm))
+        let factor = largest_learning_of_every_step(design) / function.space().value_at_zero();
+        Ok(Self::assemble(design, &function, plant, factor, |pair| pair.p_norm))
     }
 
-    fn assemble(
+    fn assemble<const M: usize>(
         law: &LinearDesign,
-        space: &NativeSpace,
+        function: &LearnedFunction<M>,
         plant: WholePlant,
         largest_rate_factor: f64,
         disturbance_norm: impl Fn(&LurePair) -> f64,
@@ -200,6 +213,7 @@ impl DesignReport {
         let observable = reachable_subspace(&plant.a.transpose(), &plant.measured.transpose());
         let part = law.observable_part();
         let lure = part.lure_pair();
+        let space = function.space();
         let sup_power_function = space.sup_power_function();
         let certificate = lure.as_ref().ok().map(|pair| {
             Certificate::new(
@@ -223,13 +237,15 @@ impl DesignReport {
             certificate,
             bounds: law.bounds,
             dead_zone_width: law.dead_zone.width(),
-            n_centers: space.n_centers(),
+            n_centers: law.centers.n_centers(),
+            solver: function.solver(),
             value_at_zero: space.value_at_zero(),
             sup_power_function,
             fill_distance: space.fill_distance(),
             separation: space.separation(),
             gram_condition: space.gram_condition(),
-            bytes: space.bytes(),
+            bytes: function.bytes_of_step(),
+            memory_bytes: function.bytes(),
             adaptation_rate,
             largest_stable_adaptation_rate: adaptation_rate * largest_rate_factor,
             hold_s: law.hold_s,
@@ -479,7 +495,7 @@ fn matrix_in_words(name: &str, matrix: &DMatrix<f64>) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{DeadZone, DisturbanceBounds, GyroscopicTorque};
+    use crate::{DeadZone, DisturbanceBounds, GyroscopicTorque, Solver};
 
     fn paper(inertia: Matrix3<f64>, box_half: f64, zone: (DeadZoneShape, f64), noise: f64) -> ChannelDesign {
         ChannelDesign {
@@ -487,6 +503,7 @@ mod tests {
             length_scale: LengthScale::Isotropic(1.0),
             centers: Centers::lattice([-box_half; 3], [box_half; 3], [3; 3]).unwrap(),
             nugget: 0.0,
+            solver: Solver::Dense,
             inertia,
             gain_per_s: 10.0,
             adaptation_rate: Matrix3::identity(),

@@ -18,12 +18,10 @@
 //! | Γ_f | `adaptation_rate` | m×m | the input's, per second and unit of output |
 //! | θ, φ | `weights`, `features` | N×m, N | the input's; 1 |
 
-use crate::lanes::{VectorLoop, dot};
-use crate::native_space::FeatureBuffers;
+use crate::learned_function::{Evaluation, LearnedFunction};
 use crate::stability::StepLimit;
-use crate::{DeadZone, NativeSpace};
+use crate::{Centers, DeadZone, NativeSpace, SolverInUse};
 use nalgebra::{SMatrix, SVector};
-use pulp::Simd;
 
 /// At run time σ is held below this part of what the sampled-data bound allows.
 ///
@@ -40,16 +38,16 @@ const STABILITY_MARGIN: f64 = 0.45;
 /// Niu et al., eq. (final learning laws), in the coordinates θ = Rᵀα̂.
 #[derive(Debug, Clone)]
 pub struct Law<const M: usize> {
-    space: NativeSpace,
+    function: LearnedFunction<M>,
+    /// m.
+    n_outputs: usize,
+    /// The smallest box around the centers.
+    bounding_box: (Vec<f64>, Vec<f64>),
     dead_zone: DeadZone,
     adaptation_rate: SMatrix<f64, M, M>,
     step_limit: StepLimit,
     frozen: bool,
-    weights: [Vec<f64>; M],
-    native_norm: f64,
     held: HeldOutput<M>,
-    at_output: FeatureBuffers,
-    at_query: FeatureBuffers,
 }
 
 /// What follows from the held output alone, before it is known how long it will be held.
@@ -58,15 +56,14 @@ struct HeldOutput<const M: usize> {
     output: SVector<f64, M>,
     output_error: SVector<f64, M>,
     activation: f64,
-    squared_features: f64,
-    /// θ_jᵀ φ.
-    prior_force: SVector<f64, M>,
+    /// f̂ there before the update, θ_jᵀ φ.
+    prior: Evaluation<M>,
 }
 
 impl<const M: usize> HeldOutput<M> {
     fn nothing() -> Self {
         let zero = SVector::zeros();
-        Self { output: zero, output_error: zero, activation: 0.0, squared_features: 0.0, prior_force: zero }
+        Self { output: zero, output_error: zero, activation: 0.0, prior: Evaluation::exact(zero, 0.0) }
     }
 }
 
@@ -89,37 +86,33 @@ impl<const M: usize> Learning<M> {
 }
 
 impl<const M: usize> Law<M> {
-    /// The law with weights zero. `step_limit` is what keeps the sampled law stable with its plant.
+    /// The law with f̂ = 0. `step_limit` is what keeps the sampled law stable with its plant.
     pub(crate) fn new(
-        space: NativeSpace,
+        function: LearnedFunction<M>,
+        centers: &Centers,
         dead_zone: DeadZone,
         adaptation_rate: SMatrix<f64, M, M>,
         step_limit: StepLimit,
     ) -> Self {
-        let n = space.n_padded();
-        let m = space.centers().dimension();
         Self {
+            function,
+            n_outputs: centers.dimension(),
+            bounding_box: centers.bounding_box(),
             dead_zone,
             adaptation_rate,
             step_limit,
             frozen: false,
-            weights: std::array::from_fn(|axis| vec![0.0; if axis < m { n } else { 0 }]),
-            native_norm: 0.0,
             held: HeldOutput::nothing(),
-            at_output: FeatureBuffers::new(&space),
-            at_query: FeatureBuffers::new(&space),
-            space,
         }
     }
 
     /// Takes a new output y against the output estimate Cx̂: ỹ, φ, σ and θᵀφ.
     ///
     /// # Cost
-    /// N(N+1)/2 + N m multiply-adds and N kernel values; no allocation.
+    /// Dense: N(N+1)/2 + N m multiply-adds and N kernel values. Local: those of one block. No allocation.
     pub fn observe(&mut self, output: &SVector<f64, M>, output_estimate: &SVector<f64, M>) {
         self.held.output = *output;
-        let point = &output.as_slice()[..self.space.centers().dimension()];
-        self.held.squared_features = self.space.features(point, &mut self.at_output);
+        self.function.hold(&output.as_slice()[..self.n_outputs]);
         self.observe_again(output_estimate);
     }
 
@@ -128,8 +121,7 @@ impl<const M: usize> Law<M> {
         self.held.output_error = self.held.output - output_estimate;
         let open = if self.frozen { 0.0 } else { 1.0 };
         self.held.activation = open * self.dead_zone.activation(self.held.output_error.norm());
-        let features = self.at_output.features();
-        self.held.prior_force = self.space.unit().run(Value { weights: &self.weights, features });
+        self.held.prior = self.function.held();
     }
 
     /// The weights' update if the output is held for `h_s`.
@@ -139,7 +131,7 @@ impl<const M: usize> Law<M> {
             return Learning { activation: held.activation, ..Learning::none() };
         }
         let activation =
-            self.step_limit.limited(held.activation, STABILITY_MARGIN, h_s, held.squared_features);
+            self.step_limit.limited(held.activation, STABILITY_MARGIN, h_s, held.prior.squared_features);
         Learning {
             activation,
             clamped: activation < held.activation,
@@ -148,39 +140,31 @@ impl<const M: usize> Law<M> {
     }
 
     /// f̂(y) at the held output after the update: `θ_{j+1}ᵀ φ = θ_jᵀ φ + φᵀφ · h σ Γ_f ỹ`.
-    pub fn matched_force(&self, learning: &Learning<M>) -> SVector<f64, M> {
-        self.held.prior_force + self.held.squared_features * learning.increment
+    pub fn matched_force(&self, learning: &Learning<M>) -> Evaluation<M> {
+        let prior = &self.held.prior;
+        Evaluation {
+            value: prior.value + prior.squared_features * learning.increment,
+            error: prior.error + prior.error_of_increment * learning.increment.norm(),
+            ..*prior
+        }
     }
 
     /// θ_{j+1} = θ_j + φ (h σ Γ_f ỹ)ᵀ.
+    ///
+    /// # Cost
+    /// Dense: N m multiply-adds. Local: kernel values and m multiply-adds for the centers that the kernel reaches.
     pub fn learn(&mut self, learning: &Learning<M>) {
-        if learning.increment == SVector::<f64, M>::zeros() {
-            return;
+        if learning.increment != SVector::<f64, M>::zeros() {
+            self.function.learn(&learning.increment);
         }
-        let features = self.at_output.features();
-        let update = Update { weights: &mut self.weights, features, increment: &learning.increment };
-        self.native_norm = self.space.unit().run(update).sqrt();
     }
 
-    /// f̂ at another point than the held output, with an update of the weights that is not yet made; and
-    /// φᵀφ there.
+    /// f̂ at another point than the held output, with an update of the weights that is not yet made.
     ///
     /// # Cost
     /// As [`Law::observe`].
-    pub fn matched_force_at(
-        &mut self,
-        point: &SVector<f64, M>,
-        pending: &Learning<M>,
-    ) -> (SVector<f64, M>, f64) {
-        let coordinates = &point.as_slice()[..self.space.centers().dimension()];
-        let squared_features = self.space.features(coordinates, &mut self.at_query);
-        let (unit, features) = (self.space.unit(), self.at_query.features());
-        let pending_part = match pending.increment == SVector::<f64, M>::zeros() {
-            true => 0.0,
-            false => unit.run(Dot { x: self.at_output.features(), y: features }),
-        };
-        let force = unit.run(Value { weights: &self.weights, features });
-        (force + pending_part * pending.increment, squared_features)
+    pub fn matched_force_at(&mut self, point: &SVector<f64, M>, pending: &Learning<M>) -> Evaluation<M> {
+        self.function.at(&point.as_slice()[..self.n_outputs], &pending.increment)
     }
 
     /// Stops or resumes learning from the next output on; what was learned stays in use.
@@ -195,31 +179,57 @@ impl<const M: usize> Law<M> {
 
     /// Forgets what was learned.
     pub fn forget(&mut self) {
-        self.weights.iter_mut().for_each(|theta| theta.fill(0.0));
-        self.native_norm = 0.0;
+        self.function.forget();
         self.held = HeldOutput::nothing();
     }
 
-    /// θ, one run of N per output, filled up with zeros to whole lanes.
+    /// Keeps what is learned by now. No allocation.
+    pub fn keep_good_copy(&mut self) {
+        self.function.keep_good_copy();
+    }
+
+    /// Puts back what was kept last. No allocation.
+    pub fn restore_good_copy(&mut self) {
+        self.function.restore_good_copy();
+    }
+
+    /// f̂.
+    #[cfg(test)]
+    pub(crate) fn function(&self) -> &LearnedFunction<M> {
+        &self.function
+    }
+
+    /// θ of the dense solver, one run of N per output, filled up with zeros to whole lanes; empty for a local one.
     pub fn weights(&self) -> &[Vec<f64>] {
-        &self.weights[..self.space.centers().dimension()]
-    }
-
-    /// Takes weights of a law of the same design. No allocation.
-    ///
-    /// # Panics
-    /// Where a run has more entries than those of [`Law::weights`].
-    pub fn set_weights(&mut self, weights: &[Vec<f64>]) {
-        for (theta, new) in self.weights.iter_mut().zip(weights) {
-            theta[..new.len()].copy_from_slice(new);
+        match &self.function {
+            LearnedFunction::Dense(function) => function.weights(),
+            LearnedFunction::Lattice(_) => &[],
         }
-        let squares = |theta: &Vec<f64>| self.space.unit().run(Dot { x: theta, y: theta });
-        self.native_norm = self.weights.iter().map(squares).sum::<f64>().sqrt();
     }
 
-    /// The native space of f̂.
+    /// The native space of f̂; of the local solver, the one of a block of neighbours.
     pub fn space(&self) -> &NativeSpace {
-        &self.space
+        self.function.space()
+    }
+
+    /// How f̂ is computed.
+    pub fn solver(&self) -> SolverInUse {
+        self.function.solver()
+    }
+
+    /// Bytes that a step reads.
+    pub fn bytes_of_step(&self) -> usize {
+        self.function.bytes_of_step()
+    }
+
+    /// m.
+    pub fn n_outputs(&self) -> usize {
+        self.n_outputs
+    }
+
+    /// The smallest box around the centers: its lower and its upper corner.
+    pub fn bounding_box(&self) -> (&[f64], &[f64]) {
+        (&self.bounding_box.0, &self.bounding_box.1)
     }
 
     /// σ's shape and width.
@@ -227,9 +237,9 @@ impl<const M: usize> Law<M> {
         &self.dead_zone
     }
 
-    /// ‖f̂_N‖_H = ‖θ‖_F.
+    /// ‖f̂_N‖_H.
     pub fn native_norm(&self) -> f64 {
-        self.native_norm
+        self.function.native_norm()
     }
 
     /// ỹ of the held output.
@@ -242,70 +252,9 @@ impl<const M: usize> Law<M> {
         &self.held.output
     }
 
-    /// φᵀφ at the held output.
-    pub fn squared_features(&self) -> f64 {
-        self.held.squared_features
-    }
-
-    /// P_N at the held output.
+    /// P_N at the held output; of the local solver, that of its block, which is no smaller.
     pub fn power_function(&self) -> f64 {
-        self.space.power_function(self.held.squared_features)
-    }
-}
-
-/// θᵀφ.
-struct Value<'a, const M: usize> {
-    weights: &'a [Vec<f64>; M],
-    features: &'a [f64],
-}
-
-impl<const M: usize> VectorLoop for Value<'_, M> {
-    type Output = SVector<f64, M>;
-
-    #[inline(always)]
-    fn call<S: Simd>(self, simd: S) -> SVector<f64, M> {
-        SVector::from_fn(|axis, _| dot(simd, &self.weights[axis], self.features))
-    }
-}
-
-/// xᵀy.
-struct Dot<'a> {
-    x: &'a [f64],
-    y: &'a [f64],
-}
-
-impl VectorLoop for Dot<'_> {
-    type Output = f64;
-
-    #[inline(always)]
-    fn call<S: Simd>(self, simd: S) -> f64 {
-        dot(simd, self.x, self.y)
-    }
-}
-
-/// θ + φ (h σ Γ_f ỹ)ᵀ, and ‖θ‖²_F of the result.
-struct Update<'a, const M: usize> {
-    weights: &'a mut [Vec<f64>; M],
-    features: &'a [f64],
-    increment: &'a SVector<f64, M>,
-}
-
-impl<const M: usize> VectorLoop for Update<'_, M> {
-    type Output = f64;
-
-    #[inline(always)]
-    fn call<S: Simd>(self, simd: S) -> f64 {
-        let (features, _) = S::as_simd_f64s(self.features);
-        let mut squares = simd.splat_f64s(0.0);
-        for (theta, &increment) in self.weights.iter_mut().zip(self.increment) {
-            let (theta, _) = S::as_mut_simd_f64s(theta);
-            let increment = simd.splat_f64s(increment);
-            for (weight, &feature) in theta.iter_mut().zip(features) {
-                *weight = simd.mul_add_e_f64s(feature, increment, *weight);
-                squares = simd.mul_add_e_f64s(*weight, *weight, squares);
-            }
-        }
-        simd.reduce_sum_f64s(squares)
+        self.space().power_function(self.held.prior.squared_features)
     }
 }
 
@@ -315,6 +264,7 @@ mod tests {
     use crate::stability::largest_learning_rate;
     use crate::{
         Centers, Channel, ChannelDesign, DeadZoneShape, DisturbanceBounds, Integrator, Kernel, LengthScale,
+        Solver,
     };
     use nalgebra::{Matrix3, Vector3};
 
@@ -343,6 +293,7 @@ mod tests {
             length_scale: LengthScale::Isotropic(1.0),
             centers: Centers::lattice([-1.0; 3], [1.0; 3], [3; 3]).unwrap(),
             nugget: 0.0,
+            solver: Solver::Dense,
             inertia,
             gain_per_s,
             adaptation_rate: 1e-6 * rate,
@@ -358,7 +309,8 @@ mod tests {
         let learning = inertia.lu().solve(&rate).unwrap().complex_eigenvalues();
         let fastest = learning.iter().map(|eigenvalue| eigenvalue.re).fold(0.0, f64::max);
         let scale = factor * largest_learning_rate(gain_per_s, h_s) / (fastest * squared_features);
-        (Law::new(law.space().clone(), dead_zone, scale * rate, UNLIMITED), integrator)
+        let function = law.function().clone();
+        (Law::new(function, &design.centers, dead_zone, scale * rate, UNLIMITED), integrator)
     }
 
     /// The largest output error in the first and in the last tenth of a run at a frozen output, with nothing to
@@ -377,7 +329,7 @@ mod tests {
             assert!(!learning.clamped && learning.activation == 1.0, "the law itself is on trial");
             let prior = Learning { activation: 1.0, ..Learning::none() };
             let known = if order == Order::UpdateThenPredict { &learning } else { &prior };
-            estimate = integrator.follow(&estimate, &HELD, &law.matched_force(known), h_s).end;
+            estimate = integrator.follow(&estimate, &HELD, &law.matched_force(known).value, h_s).end;
             law.learn(&learning);
             let error = (HELD - estimate).norm();
             if error > 1e6 * start.norm() {

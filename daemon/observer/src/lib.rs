@@ -21,6 +21,7 @@
 //!         length_scale: LengthScale::Isotropic(2.0),
 //!         centers: Centers::lattice([-1.0; 3], [1.0; 3], [3; 3])?,
 //!         nugget: 0.0,
+//!         solver: Solver::Dense,
 //!         inertia: Matrix3::identity() * 4.0,
 //!         gain_per_s: 10.0,
 //!         adaptation_rate: Matrix3::identity() * 100.0,
@@ -59,10 +60,14 @@ mod centers;
 mod certificate;
 mod channel;
 mod dead_zone;
+mod dense_function;
 mod design_report;
 mod kernel;
 mod lanes;
+mod lattice_block;
+mod lattice_function;
 mod law;
+mod learned_function;
 mod linear;
 mod linear_algebra;
 mod lyapunov;
@@ -72,11 +77,12 @@ mod packed_factor;
 mod position;
 mod reference_law;
 mod rigid_body;
+mod solver;
 pub mod stability;
 mod timeline;
 
 pub use box_search::Supremum;
-pub use centers::Centers;
+pub use centers::{Centers, LatticeBox};
 pub use certificate::Certificate;
 pub use channel::{Channel, ChannelDesign, DisturbanceBounds, Integrator, Segment};
 pub use dead_zone::{DeadZone, DeadZoneShape};
@@ -84,6 +90,7 @@ pub use design_report::{DesignReport, Finding, LengthScaleEffect, Verdict, lengt
 pub use kernel::{Kernel, RadialFunction};
 pub use lanes::vector_unit;
 pub use law::{Law, Learning};
+pub use learned_function::Evaluation;
 pub use linear::{
     LinearDesign, LinearEstimate, LinearObserver, LinearOutput, LinearState, MAX_OUTPUTS, MAX_STATES,
 };
@@ -96,6 +103,7 @@ pub use rigid_body::{
     GyroscopicTorque, InitialState, RigidBodyEstimate, RigidBodyObserver, RotationDesign, Sample,
     TranslationDesign, Velocity,
 };
+pub use solver::{DENSE_UP_TO, DENSE_UP_TO_LISTED, LocalSolver, Solver, SolverInUse};
 pub use timeline::ChannelReport;
 
 /// The parameter of a design that cannot be used.
@@ -107,6 +115,8 @@ pub enum Parameter {
     LengthScale,
     /// `nugget`.
     Nugget,
+    /// `solver`.
+    Solver,
     /// `centers`.
     Centers,
     /// `gain_per_s`.

@@ -24,12 +24,13 @@
 use crate::certificate::{Certificate, sup_if_needed};
 use crate::channel::{DisturbanceBounds, positive, positive_definite};
 use crate::law::Law;
+use crate::learned_function::LearnedFunction;
 use crate::linear_algebra::{
     LurePair, complement, eigenvalues, lure_pair, reachable_subspace, spectral_abscissa, spectral_norm,
 };
 use crate::stability::StepLimit;
 use crate::timeline::{ChannelReport, Moment, Plant, Timeline};
-use crate::{Centers, DeadZone, DesignError, Kernel, LengthScale, NativeSpace, Parameter};
+use crate::{Centers, DeadZone, DesignError, Kernel, LengthScale, Parameter, Solver};
 use nalgebra::{Complex, DMatrix, DVector, SMatrix, SVector};
 
 /// The largest n.
@@ -63,6 +64,8 @@ pub struct LinearDesign {
     pub centers: Centers,
     /// Added to the Gram matrix's diagonal, as a multiple of κ(0); ≥ 0.
     pub nugget: f64,
+    /// How f̂ is computed.
+    pub solver: Solver,
     /// Γ_f, m×m, symmetric positive definite.
     pub adaptation_rate: DMatrix<f64>,
     /// σ.
@@ -134,10 +137,10 @@ impl LinearDesign {
         }
     }
 
-    /// Checks every shape and range and builds the native space; whether it is stable is another question.
-    pub(crate) fn space(&self) -> Result<NativeSpace, DesignError> {
+    /// Checks every shape and range and makes f̂ = 0; whether it is stable is another question.
+    pub(crate) fn function(&self) -> Result<LearnedFunction<MAX_OUTPUTS>, DesignError> {
         self.check()?;
-        NativeSpace::new(self.kernel, &self.length_scale, self.centers.clone(), self.nugget)
+        LearnedFunction::zero((self.kernel, &self.length_scale), &self.centers, self.nugget, &self.solver)
     }
 
     fn check(&self) -> Result<(), DesignError> {
@@ -250,9 +253,10 @@ impl LinearObserver {
     ///
     /// # Errors
     /// `Plant`, `Gain`, `AdaptationRate`, … where a shape or a number is wrong; `Gain` where the observable part of
-    /// A − LC is not Hurwitz; `AdaptationRate` beyond the sampled-data bound; `Centers` as [`NativeSpace::new`].
+    /// A − LC is not Hurwitz; `AdaptationRate` beyond the sampled-data bound; `Centers` as
+    /// [`crate::NativeSpace::new`].
     pub fn new(design: &LinearDesign) -> Result<Self, DesignError> {
-        let space = design.space()?;
+        let function = design.function()?;
         let part = design.observable_part();
         let slowest = spectral_abscissa(&part.error_dynamics());
         if slowest >= 0.0 {
@@ -272,7 +276,7 @@ impl LinearObserver {
             ));
         }
         let largest_learning = largest_learning_of_every_step(design);
-        let factor = largest_learning / space.value_at_zero();
+        let factor = largest_learning / function.space().value_at_zero();
         if factor <= 1.0 {
             let largest = design.adaptation_rate.clone().symmetric_eigenvalues().max();
             let needed = match factor > 0.0 {
@@ -295,11 +299,12 @@ impl LinearObserver {
                 (spectral_norm(&part.c), pair.p_norm),
                 design.bounds,
                 &design.dead_zone,
-                sup_if_needed(&design.bounds, &space),
+                sup_if_needed(&design.bounds, function.space()),
             )
         });
         let law = Law::new(
-            space,
+            function,
+            &design.centers,
             design.dead_zone,
             padded(&design.adaptation_rate),
             StepLimit::OfEveryStep { largest_learning },
@@ -317,7 +322,7 @@ impl LinearObserver {
     /// One evaluation of the features with a new output; no allocation.
     pub fn accept(&mut self, stamp_ns: u64, output: Option<LinearOutput>, input: Option<LinearOutput>) {
         // What is beyond m is nobody's.
-        let m = self.timeline.law.space().centers().dimension();
+        let m = self.timeline.law.n_outputs();
         let own = |vector: LinearOutput| LinearOutput::from_fn(|i, _| if i < m { vector[i] } else { 0.0 });
         self.timeline.accept(stamp_ns, output.map(own), input.map(own), |_| {});
     }
@@ -328,7 +333,7 @@ impl LinearObserver {
         LinearEstimate {
             stamp_ns,
             state: at.moment.state,
-            matched_input: at.matched_force,
+            matched_input: at.matched_force.value,
             report: self.timeline.report(&at, stamp_ns),
         }
     }
@@ -613,6 +618,7 @@ mod tests {
             length_scale: LengthScale::Isotropic(1.0),
             centers: Centers::lattice([-3.0], [3.0], [13]).unwrap(),
             nugget: 0.0,
+            solver: Solver::Dense,
             adaptation_rate: matrix(1, &[50.0]),
             dead_zone: DeadZone::new(DeadZoneShape::Saturated, 1e-4, 1e-4).unwrap(),
             bounds: DisturbanceBounds::default(),
@@ -725,15 +731,15 @@ mod tests {
         let unlimited = StepLimit::OfEveryStep { largest_learning: f64::INFINITY };
         let dead_zone = DeadZone::new(DeadZoneShape::Step, 0.0, 1.0).unwrap();
         let design = oscillator();
-        let space =
-            NativeSpace::new(design.kernel, &design.length_scale, design.centers.clone(), 0.0).unwrap();
+        let function = design.function().unwrap();
+        let space = function.space();
         let squared_features = space.value_at_zero() - space.power_function_at(&[0.0]).powi(2);
         let (at_rest, no_input) = (LinearOutput::zeros(), LinearOutput::zeros());
         let last_error = |h_s: f64, factor: f64| {
             let scale = factor * largest_gain(&design.observable_part(), &design.adaptation_rate, h_s)
                 / (h_s * squared_features);
-            let mut law =
-                Law::new(space.clone(), dead_zone, padded(&(scale * &design.adaptation_rate)), unlimited);
+            let rate = padded(&(scale * &design.adaptation_rate));
+            let mut law = Law::new(function.clone(), &design.centers, dead_zone, rate, unlimited);
             let mut plant = LinearPlant::new(&design);
             let mut state = padded::<MAX_STATES, 1>(&matrix(2, &[0.1, -0.2]));
             let mut last = 0.0_f64;
@@ -741,7 +747,7 @@ mod tests {
                 law.observe(&at_rest, &plant.output(&state));
                 let learning = law.learning(h_s);
                 assert!(!learning.clamped && learning.activation == 1.0);
-                let force = no_input + law.matched_force(&learning);
+                let force = no_input + law.matched_force(&learning).value;
                 law.learn(&learning);
                 state = plant.follow(&Moment { stamp_ns: 0, state }, &at_rest, &force, h_s);
                 if state.norm() > 1e6 {

@@ -75,6 +75,16 @@ impl ScaledKernel {
         })
     }
 
+    /// 1/ℓ, one for each axis.
+    pub(crate) fn inverse_length_scales(&self) -> &[f64] {
+        &self.inverse_length_scales
+    }
+
+    /// κ.
+    pub(crate) fn radial(&self) -> &RadialFunction {
+        &self.radial
+    }
+
     /// 𝔎(a, b), dimensionless.
     pub fn value(&self, a: &[f64], b: &[f64]) -> f64 {
         self.radial.value(weighted_distance(a, b, &self.inverse_length_scales))

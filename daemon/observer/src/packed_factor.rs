@@ -85,6 +85,41 @@ impl VectorLoop for Product<'_> {
     }
 }
 
+/// T x for four vectors of whole lanes: T is read once.
+#[inline(always)]
+pub(crate) fn four_products<S: Simd>(
+    simd: S,
+    factor: &PackedFactor,
+    x: [&[f64]; 4],
+    product: [&mut [f64]; 4],
+) {
+    let zero = simd.splat_f64s(0.0);
+    let mut rest = factor.panels.as_slice();
+    let [x0, x1, x2, x3] = x;
+    let [p0, p1, p2, p3] = product.map(|product| product.as_chunks_mut::<LANES>().0);
+    for (panel, (((p0, p1), p2), p3)) in p0.iter_mut().zip(p1).zip(p2).zip(p3).enumerate() {
+        let n_columns = LANES * (panel + 1);
+        let (columns, below) = rest.split_at(n_columns);
+        // Of the LANES registers of each as many are used as hold eight numbers here.
+        let mut sums = [[zero; LANES]; 4];
+        let x = x0[..n_columns].iter().zip(&x1[..n_columns]).zip(&x2[..n_columns]).zip(&x3[..n_columns]);
+        for (column, (((&x0, &x1), &x2), &x3)) in columns.iter().zip(x) {
+            let (column, _) = S::as_simd_f64s(&column.0);
+            for (sums, x) in sums.iter_mut().zip([x0, x1, x2, x3]) {
+                let x = simd.splat_f64s(x);
+                for (sum, &entries) in sums.iter_mut().zip(column) {
+                    *sum = simd.mul_add_e_f64s(entries, x, *sum);
+                }
+            }
+        }
+        for (product, sums) in [p0, p1, p2, p3].into_iter().zip(sums) {
+            let (product, _) = S::as_mut_simd_f64s(product);
+            product.iter_mut().zip(sums).for_each(|(entries, sum)| *entries = sum);
+        }
+        rest = below;
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -224,7 +224,7 @@ impl RigidBodyObserver {
         let (position_m, velocity_m_s, matched_force_n, translation) = match translation {
             Some((at, timeline)) => {
                 let report = timeline.report(&at, stamp_ns);
-                (at.moment.state.pose.position, at.moment.state.rate, at.matched_force, Some(report))
+                (at.moment.state.pose.position, at.moment.state.rate, at.matched_force.value, Some(report))
             }
             None => Default::default(),
         };
@@ -232,7 +232,7 @@ impl RigidBodyObserver {
         let (attitude, angular_velocity_rad_s, matched_torque_n_m, rotation) = match rotation {
             Some((at, timeline)) => {
                 let report = timeline.report(&at, stamp_ns);
-                (at.moment.state.pose.attitude, at.moment.state.rate, at.matched_force, Some(report))
+                (at.moment.state.pose.attitude, at.moment.state.rate, at.matched_force.value, Some(report))
             }
             None => (self.fixed_attitude.unwrap_or_default(), Vector3::zeros(), Vector3::zeros(), None),
         };
@@ -367,7 +367,7 @@ fn fix_hold_ns(gain_per_s: f64, hold_s: f64) -> Result<u64, DesignError> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{Centers, DeadZone, DeadZoneShape, DisturbanceBounds, Kernel, LengthScale};
+    use crate::{Centers, DeadZone, DeadZoneShape, DisturbanceBounds, Kernel, LengthScale, Solver};
     use nalgebra::Matrix3;
 
     const PERIOD_NS: u64 = 5_000_000;
@@ -380,6 +380,7 @@ mod tests {
             length_scale: LengthScale::Isotropic(2.0),
             centers: Centers::lattice([-2.0; 3], [2.0; 3], [3; 3]).unwrap(),
             nugget: 0.0,
+            solver: Solver::Dense,
             inertia,
             gain_per_s: 10.0,
             adaptation_rate: Matrix3::identity() * adaptation_rate,
@@ -601,7 +602,7 @@ mod tests {
 
         let mut v = law.step(&Vector3::zeros(), &y, &u, 1.5 * PERIOD_S);
         for _ in 0..20 {
-            let (force, _) = law.law.matched_force_at(&v, &crate::Learning::none());
+            let force = law.law.matched_force_at(&v, &crate::Learning::none()).value;
             v = law.integrator.coast(&v, &(u + force), PERIOD_S).end;
         }
         let end_ns = START_NS + PERIOD_NS * 3 / 2 + 20 * PERIOD_NS;

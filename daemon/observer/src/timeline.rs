@@ -10,6 +10,7 @@
 
 use crate::certificate::Certificate;
 use crate::law::{Law, Learning};
+use crate::learned_function::Evaluation;
 use nalgebra::SVector;
 
 /// The nominal plant with at most M outputs, solved exactly for held inputs.
@@ -43,22 +44,20 @@ pub(crate) struct Moment<S> {
     pub(crate) state: S,
 }
 
-/// A point of the coasting grid, with f̂ and φᵀφ there.
+/// A point of the coasting grid, with f̂ there.
 #[derive(Debug, Clone, Copy)]
 struct GridPoint<S, const M: usize> {
     /// Counts from the end of the hold.
     index: u64,
     moment: Moment<S>,
-    matched_force: SVector<f64, M>,
-    squared_features: f64,
+    matched_force: Evaluation<M>,
 }
 
 /// What a channel says about an instant.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Prediction<S, const M: usize> {
     pub(crate) moment: Moment<S>,
-    pub(crate) matched_force: SVector<f64, M>,
-    pub(crate) squared_features: f64,
+    pub(crate) matched_force: Evaluation<M>,
     pub(crate) learning: Learning<M>,
     pub(crate) coasting: bool,
 }
@@ -90,9 +89,8 @@ pub(crate) struct Timeline<P: Plant<M>, const M: usize> {
     output_stamp_ns: Option<u64>,
     trail: [Option<GridPoint<P::State, M>>; TRAIL],
     trail_end: usize,
-    /// The last state and weights that were known to be good.
+    /// The last state that was known to be good.
     good_moment: Option<Moment<P::State>>,
-    good_weights: Vec<Vec<f64>>,
 }
 
 impl<P: Plant<M>, const M: usize> Timeline<P, M> {
@@ -105,7 +103,6 @@ impl<P: Plant<M>, const M: usize> Timeline<P, M> {
         (hold_s, coast_step_s): (f64, f64),
         initial: P::State,
     ) -> Self {
-        let weights = law.weights().to_vec();
         Self {
             law,
             certificate,
@@ -122,7 +119,6 @@ impl<P: Plant<M>, const M: usize> Timeline<P, M> {
             trail: [None; TRAIL],
             trail_end: 0,
             good_moment: None,
-            good_weights: weights,
         }
     }
 
@@ -171,8 +167,7 @@ impl<P: Plant<M>, const M: usize> Timeline<P, M> {
         let Some(committed) = self.committed else {
             return Prediction {
                 moment: Moment { stamp_ns: to_ns, state: self.waiting },
-                matched_force: SVector::zeros(),
-                squared_features: 0.0,
+                matched_force: Evaluation::exact(SVector::zeros(), 0.0),
                 learning: Learning::none(),
                 coasting: true,
             };
@@ -198,7 +193,6 @@ impl<P: Plant<M>, const M: usize> Timeline<P, M> {
         Prediction {
             moment: if point.moment.stamp_ns == to_ns { point.moment } else { self.coast(&point, to_ns) },
             matched_force: point.matched_force,
-            squared_features: point.squared_features,
             learning: Learning::none(),
             coasting: true,
         }
@@ -216,14 +210,13 @@ impl<P: Plant<M>, const M: usize> Timeline<P, M> {
         let moment = if h_s == 0.0 {
             *committed
         } else {
-            let force = self.input + matched_force;
+            let force = self.input + matched_force.value;
             let state = self.plant.follow(committed, self.law.held_output(), &force, h_s);
             Moment { stamp_ns: to_ns, state }
         };
-        let squared_features = self.law.squared_features();
         let clamped = learning.clamped || self.last_learning_clamped;
         let learning = Learning { clamped, ..learning };
-        Prediction { moment, matched_force, squared_features, learning, coasting: false }
+        Prediction { moment, matched_force, learning, coasting: false }
     }
 
     fn grid_point(
@@ -233,8 +226,8 @@ impl<P: Plant<M>, const M: usize> Timeline<P, M> {
         pending: &Learning<M>,
     ) -> GridPoint<P::State, M> {
         let output = self.plant.output(&moment.state);
-        let (matched_force, squared_features) = self.law.matched_force_at(&output, pending);
-        let point = GridPoint { index, moment, matched_force, squared_features };
+        let matched_force = self.law.matched_force_at(&output, pending);
+        let point = GridPoint { index, moment, matched_force };
         self.trail[self.trail_end] = Some(point);
         self.trail_end = (self.trail_end + 1) % TRAIL;
         point
@@ -252,7 +245,7 @@ impl<P: Plant<M>, const M: usize> Timeline<P, M> {
     }
 
     fn coast(&mut self, point: &GridPoint<P::State, M>, to_ns: u64) -> Moment<P::State> {
-        let force = self.input + point.matched_force;
+        let force = self.input + point.matched_force.value;
         let h_s = seconds(to_ns - point.moment.stamp_ns);
         Moment { stamp_ns: to_ns, state: self.plant.coast(&point.moment, &force, h_s) }
     }
@@ -267,15 +260,13 @@ impl<P: Plant<M>, const M: usize> Timeline<P, M> {
     /// Keeps a copy of the committed state and weights. No allocation.
     pub(crate) fn keep_good_copy(&mut self) {
         self.good_moment = self.committed;
-        for (kept, theta) in self.good_weights.iter_mut().zip(self.law.weights()) {
-            kept.copy_from_slice(theta);
-        }
+        self.law.keep_good_copy();
     }
 
     /// Puts state and weights back to the last good copy, from which it coasts to now. No allocation.
     pub(crate) fn restore_good_copy(&mut self) {
         self.put_back(self.good_moment);
-        self.law.set_weights(&self.good_weights);
+        self.law.restore_good_copy();
     }
 
     /// Forgets the state, not what was learned: starts again from the next output, at any stamp.
@@ -290,14 +281,15 @@ impl<P: Plant<M>, const M: usize> Timeline<P, M> {
     /// How far the estimate at an instant can be trusted.
     pub(crate) fn report(&self, at: &Prediction<P::State, M>, stamp_ns: u64) -> ChannelReport {
         let space = self.law.space();
-        let (lower, upper) = space.bounding_box();
+        let (lower, upper) = self.law.bounding_box();
         let output = if at.coasting { self.plant.output(&at.moment.state) } else { *self.law.held_output() };
-        let power_function = space.power_function(at.squared_features);
+        let power_function = space.power_function(at.matched_force.squared_features);
         ChannelReport {
             output_error: if at.coasting { 0.0 } else { self.law.output_error().norm() },
             activation: at.learning.activation,
             power_function: power_function / space.value_at_zero().sqrt(),
             native_norm: self.law.native_norm(),
+            solver_error: at.matched_force.error,
             error_bound: match &self.certificate {
                 Some(certificate) if !at.coasting => certificate.error_bound(power_function),
                 _ => f64::INFINITY,
@@ -326,8 +318,10 @@ pub struct ChannelReport {
     pub activation: f64,
     /// P_N / √κ(0) at the held or predicted output, 0 … 1.
     pub power_function: f64,
-    /// ‖f̂_N‖ of the committed weights.
+    /// ‖f̂_N‖ of what is committed.
     pub native_norm: f64,
+    /// How far f̂ may be from that of the dense solver, in the input's unit; 0 where that is in use.
+    pub solver_error: f64,
     /// max(d, e_N) of the [`Certificate`], a bound and not a covariance; +∞ while coasting, or where there is none.
     pub error_bound: f64,
     /// Time since the newest output's stamp (s); +∞ before the first.

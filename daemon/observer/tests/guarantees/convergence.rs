@@ -119,6 +119,7 @@ fn run_on_centers(kernel: Kernel, n_centers: usize, n: usize) -> (Vec<f64>, f64)
         length_scale: LengthScale::Isotropic(1.0),
         centers: Centers::lattice([-1.0], [1.0], [n_centers]).unwrap(),
         nugget: 0.0,
+        solver: Solver::Dense,
         adaptation_rate: one(RATE),
         dead_zone: scalar_zone(),
         bounds: DisturbanceBounds::default(),
@@ -218,7 +219,7 @@ fn in_three_dimensions_it_converges_too() {
                 let learning = channel.law.learning(H_S);
                 // θ has learned from this sample already: θᵀφ is the force that was used.
                 channel.law.observe_again(&estimate);
-                let force = channel.law.matched_force(&Learning::none());
+                let force = channel.law.matched_force(&Learning::none()).value;
                 assert!(!learning.clamped);
                 error = error.max((force - expected).norm() / largest);
                 power = power.max(channel.law.power_function());

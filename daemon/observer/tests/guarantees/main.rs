@@ -10,6 +10,7 @@ mod lyapunov;
 use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
 use observer::{
     Centers, ChannelDesign, DeadZone, DeadZoneShape, DisturbanceBounds, Kernel, LengthScale, NativeSpace,
+    Solver,
 };
 
 /// δ̄ of the paper's translation: 0.008 √2 on each of three axes (m/s).
@@ -26,6 +27,7 @@ fn channel(inertia: Matrix3<f64>, adaptation_rate: Matrix3<f64>, dead_zone: Dead
         length_scale: LengthScale::Isotropic(1.0),
         centers: Centers::lattice([-1.0; 3], [1.0; 3], [3; 3]).unwrap(),
         nugget: 0.0,
+        solver: Solver::Dense,
         inertia,
         gain_per_s: 10.0,
         adaptation_rate,

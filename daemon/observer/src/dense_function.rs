@@ -1,0 +1,170 @@
+//! f̂_N in the orthonormal basis of its native space: exact, at N(N+1)/2 multiply-adds an evaluation.
+//!
+//! ```text
+//! f̂(y) = θᵀ φ(y),    θ += φ(y) inᵀ
+//! ```
+//!
+//! with `in` = h σ Γ_f ỹ, what the law learns from an output that was held for h.
+
+use crate::NativeSpace;
+use crate::lanes::{VectorLoop, dot};
+use crate::learned_function::Evaluation;
+use crate::native_space::FeatureBuffers;
+use nalgebra::SVector;
+use pulp::Simd;
+
+/// A function of H_N with values in ℝ^m, m ≤ M, as weights θ.
+#[derive(Debug, Clone)]
+pub(crate) struct DenseFunction<const M: usize> {
+    space: NativeSpace,
+    weights: [Vec<f64>; M],
+    native_norm: f64,
+    good: (Vec<Vec<f64>>, f64),
+    at_output: FeatureBuffers,
+    /// φᵀφ at the held output.
+    squared_features: f64,
+    at_query: FeatureBuffers,
+}
+
+impl<const M: usize> DenseFunction<M> {
+    /// Zero.
+    pub(crate) fn zero(space: NativeSpace) -> Self {
+        let (n, m) = (space.n_padded(), space.centers().dimension());
+        let weights: [Vec<f64>; M] = std::array::from_fn(|axis| vec![0.0; if axis < m { n } else { 0 }]);
+        Self {
+            good: (weights[..m].to_vec(), 0.0),
+            weights,
+            native_norm: 0.0,
+            at_output: FeatureBuffers::new(&space),
+            squared_features: 0.0,
+            at_query: FeatureBuffers::new(&space),
+            space,
+        }
+    }
+
+    pub(crate) fn hold(&mut self, output: &[f64]) {
+        self.squared_features = self.space.features(output, &mut self.at_output);
+    }
+
+    pub(crate) fn held(&self) -> Evaluation<M> {
+        let features = self.at_output.features();
+        let value = self.space.unit().run(Value { weights: &self.weights, features });
+        Evaluation::exact(value, self.squared_features)
+    }
+
+    pub(crate) fn at(&mut self, point: &[f64], pending: &SVector<f64, M>) -> Evaluation<M> {
+        let squared_features = self.space.features(point, &mut self.at_query);
+        let (unit, features) = (self.space.unit(), self.at_query.features());
+        let pending_part = match *pending == SVector::<f64, M>::zeros() {
+            true => 0.0,
+            false => unit.run(Dot { x: self.at_output.features(), y: features }),
+        };
+        let value = unit.run(Value { weights: &self.weights, features });
+        Evaluation::exact(value + pending_part * pending, squared_features)
+    }
+
+    pub(crate) fn learn(&mut self, increment: &SVector<f64, M>) {
+        let features = self.at_output.features();
+        let update = Update { weights: &mut self.weights, features, increment };
+        self.native_norm = self.space.unit().run(update).sqrt();
+    }
+
+    pub(crate) fn forget(&mut self) {
+        self.weights.iter_mut().for_each(|theta| theta.fill(0.0));
+        self.native_norm = 0.0;
+    }
+
+    pub(crate) fn keep_good_copy(&mut self) {
+        for (kept, theta) in self.good.0.iter_mut().zip(&self.weights) {
+            kept.copy_from_slice(theta);
+        }
+        self.good.1 = self.native_norm;
+    }
+
+    pub(crate) fn restore_good_copy(&mut self) {
+        for (theta, kept) in self.weights.iter_mut().zip(&self.good.0) {
+            theta.copy_from_slice(kept);
+        }
+        self.native_norm = self.good.1;
+    }
+
+    /// θ, one run of whole lanes per output.
+    pub(crate) fn weights(&self) -> &[Vec<f64>] {
+        &self.weights[..self.space.centers().dimension()]
+    }
+
+    /// ‖f̂_N‖_H = ‖θ‖_F.
+    pub(crate) fn native_norm(&self) -> f64 {
+        self.native_norm
+    }
+
+    pub(crate) fn space(&self) -> &NativeSpace {
+        &self.space
+    }
+
+    /// Bytes of the factor, the weights and their good copy.
+    pub(crate) fn bytes(&self) -> usize {
+        self.space.bytes() + 16 * self.space.centers().dimension() * self.space.n_padded()
+    }
+
+    /// Bytes of the factor and the centers, which a step reads.
+    pub(crate) fn bytes_of_step(&self) -> usize {
+        self.space.bytes()
+    }
+}
+
+/// θᵀφ.
+struct Value<'a, const M: usize> {
+    weights: &'a [Vec<f64>; M],
+    features: &'a [f64],
+}
+
+impl<const M: usize> VectorLoop for Value<'_, M> {
+    type Output = SVector<f64, M>;
+
+    #[inline(always)]
+    fn call<S: Simd>(self, simd: S) -> SVector<f64, M> {
+        SVector::from_fn(|axis, _| dot(simd, &self.weights[axis], self.features))
+    }
+}
+
+/// xᵀy.
+struct Dot<'a> {
+    x: &'a [f64],
+    y: &'a [f64],
+}
+
+impl VectorLoop for Dot<'_> {
+    type Output = f64;
+
+    #[inline(always)]
+    fn call<S: Simd>(self, simd: S) -> f64 {
+        dot(simd, self.x, self.y)
+    }
+}
+
+/// θ + φ inᵀ, and ‖θ‖²_F of the result.
+struct Update<'a, const M: usize> {
+    weights: &'a mut [Vec<f64>; M],
+    features: &'a [f64],
+    increment: &'a SVector<f64, M>,
+}
+
+impl<const M: usize> VectorLoop for Update<'_, M> {
+    type Output = f64;
+
+    #[inline(always)]
+    fn call<S: Simd>(self, simd: S) -> f64 {
+        let (features, _) = S::as_simd_f64s(self.features);
+        let mut squares = simd.splat_f64s(0.0);
+        for (theta, &increment) in self.weights.iter_mut().zip(self.increment) {
+            let (theta, _) = S::as_mut_simd_f64s(theta);
+            let increment = simd.splat_f64s(increment);
+            for (weight, &feature) in theta.iter_mut().zip(features) {
+                *weight = simd.mul_add_e_f64s(feature, increment, *weight);
+                squares = simd.mul_add_e_f64s(*weight, *weight, squares);
+            }
+        }
+        simd.reduce_sum_f64s(squares)
+    }
+}

@@ -1,0 +1,93 @@
+//! How f̂ is computed: all centers at every step, or the neighbourhood of the output.
+
+use crate::{Centers, DesignError, Parameter};
+
+/// Dense, local, or by the number of centers.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Solver {
+    /// Exact: every step reads the whole triangular factor, 4 N² bytes.
+    Dense,
+    /// From the centers around the output, with an error estimate for every evaluation: a cost that hardly grows
+    /// with N.
+    Local(LocalSolver),
+    /// Dense up to [`DENSE_UP_TO`] centers (a lattice) or [`DENSE_UP_TO_LISTED`] (listed ones), local beyond. Where
+    /// there is no local one, dense.
+    Auto(LocalSolver),
+}
+
+/// Options of the local solver.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct LocalSolver {
+    /// Lattice points along each axis of the block from which f̂(y) is evaluated, even, 4 … 12; `None` takes the
+    /// smallest that reaches `accuracy`.
+    pub block: Option<usize>,
+    /// Relative error (RMS over random histories of updates) that the block is chosen for.
+    pub accuracy: f64,
+    /// A kernel without compact support is cut off where κ(r) falls below this multiple of κ(0); 0 never cuts, and
+    /// every update visits all centers.
+    pub truncation: f64,
+}
+
+impl Default for LocalSolver {
+    fn default() -> Self {
+        Self { block: None, accuracy: 5e-3, truncation: 0.0 }
+    }
+}
+
+/// Up to so many centers of a lattice `Solver::Auto` is exact.
+pub const DENSE_UP_TO: usize = 1000;
+/// Up to so many listed centers `Solver::Auto` is exact.
+pub const DENSE_UP_TO_LISTED: usize = 3000;
+
+/// How f̂ is computed, as decided.
+#[derive(Debug, Clone, PartialEq)]
+pub enum SolverInUse {
+    /// From all centers.
+    Dense,
+    /// From a block of lattice points.
+    Local {
+        /// Points along each axis.
+        block: Vec<usize>,
+        /// RMS of the error over that of f̂ that is predicted for random histories of updates.
+        predicted_error: f64,
+    },
+}
+
+impl Solver {
+    /// The options of the local solver, where that is the one to use for these centers.
+    pub(crate) fn local(&self, centers: &Centers) -> Option<LocalSolver> {
+        match *self {
+            Self::Dense => None,
+            Self::Local(options) => Some(options),
+            Self::Auto(options) => {
+                let dense_up_to =
+                    if centers.lattice_box().is_some() { DENSE_UP_TO } else { DENSE_UP_TO_LISTED };
+                let is_large = centers.n_centers() > dense_up_to;
+                (is_large && centers.dimension() <= 3).then_some(options)
+            }
+        }
+    }
+}
+
+impl LocalSolver {
+    pub(crate) fn check(&self, dimension: usize) -> Result<(), DesignError> {
+        let refuse = |found: String, needed: &str| Err(DesignError::new(Parameter::Solver, found, needed));
+        if dimension > 3 {
+            return refuse(
+                format!("a local solver for {dimension} outputs"),
+                "at most 3, or the dense solver",
+            );
+        }
+        if let Some(block) = self.block.filter(|block| !(4..=12).contains(block) || block % 2 == 1) {
+            return refuse(format!("a block of {block} points per axis"), "an even number from 4 to 12");
+        }
+        if !(self.accuracy.is_finite() && self.accuracy > 0.0) {
+            return refuse(format!("an accuracy of {}", self.accuracy), "a finite number > 0");
+        }
+        if !(0.0..1.0).contains(&self.truncation) {
+            let found = format!("a truncation at {} κ(0)", self.truncation);
+            return refuse(found, "a number from 0 to below 1");
+        }
+        Ok(())
+    }
+}
