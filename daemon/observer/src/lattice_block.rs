@@ -32,8 +32,8 @@ pub(crate) const VECTORS: usize = 4;
 pub(crate) struct LatticeBlock {
     counts: [usize; 3],
     n_octets: usize,
-    /// Octets that do not touch the outermost layer.
-    n_core: usize,
+    /// 1 for an octet of the outermost layer, 0 for one of the core; in whole lanes.
+    in_layer: Vec<f64>,
     /// Index of each point along the axes: image after image, octets filled up to whole lanes.
     points: Vec<[u8; 3]>,
     factors: [PackedFactor; IMAGES],
@@ -61,8 +61,11 @@ impl LatticeBlock {
         let in_layer =
             |octet: &[usize; 3]| (0..3).any(|axis| has_layer[axis] && octet[axis] + 1 == half[axis]);
         octets.sort_by_key(in_layer);
-        let n_core = octets.iter().filter(|octet| !in_layer(octet)).count();
         let padded = whole_lanes(octets.len());
+        let mut layer = vec![0.0; padded];
+        for (place, octet) in layer.iter_mut().zip(&octets) {
+            *place = f64::from(u8::from(in_layer(octet)));
+        }
         let mut points = vec![[0; 3]; IMAGES * padded];
         for (o, octet) in octets.iter().enumerate() {
             for image in 0..IMAGES {
@@ -111,7 +114,7 @@ impl LatticeBlock {
         Ok(Self {
             counts,
             n_octets: octets.len(),
-            n_core,
+            in_layer: layer,
             points,
             factors,
             value_at_zero,
@@ -122,6 +125,11 @@ impl LatticeBlock {
     /// Points along each axis.
     pub(crate) fn counts(&self) -> [usize; 3] {
         self.counts
+    }
+
+    /// Octets.
+    pub(crate) fn n_octets(&self) -> usize {
+        self.n_octets
     }
 
     /// Length of a run of octets, in whole lanes.
@@ -179,6 +187,8 @@ pub(crate) struct BlockBuffers {
     pub(crate) nodal: Vec<f64>,
     /// φ and θ.
     newton: Vec<f64>,
+    /// Squared distances along the axes, of the first and the last image of each octet.
+    sides: Vec<f64>,
     padded: usize,
 }
 
@@ -186,13 +196,18 @@ impl BlockBuffers {
     pub(crate) fn new(block: &LatticeBlock) -> Self {
         let padded = block.n_padded();
         let length = VECTORS * IMAGES * padded;
-        Self { nodal: vec![0.0; length], newton: vec![0.0; length], padded }
+        Self { nodal: vec![0.0; length], newton: vec![0.0; length], sides: vec![0.0; 6 * padded], padded }
     }
 
     /// One of the vectors before [`LatticeBlock::evaluate`].
     pub(crate) fn vector(&mut self, vector: usize) -> &mut [f64] {
         let length = IMAGES * self.padded;
         &mut self.nodal[vector * length..][..length]
+    }
+
+    /// k, and room for the squared distances that it is made of: for each axis a run per side.
+    pub(crate) fn kernel_and_sides(&mut self) -> (&mut [f64], &mut [f64]) {
+        (&mut self.nodal[..IMAGES * self.padded], &mut self.sides)
     }
 
     /// φ.
@@ -202,7 +217,7 @@ impl BlockBuffers {
 }
 
 /// What a block says about a point.
-#[derive(Debug, Clone, Copy, Default, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct BlockEvaluation {
     /// φᵀφ.
     pub(crate) squared_features: f64,
@@ -230,7 +245,9 @@ impl VectorLoop for Evaluate<'_> {
         for vector in buffers.nodal.chunks_exact_mut(length) {
             sums_and_differences(vector, padded);
         }
-        let mut out = BlockEvaluation::default();
+        let zero = simd.splat_f64s(0.0);
+        let (mut squares, mut layer_features) = (zero, zero);
+        let (mut values, mut layers) = ([zero; 3], [zero; 3]);
         for (symmetry, factor) in block.factors.iter().enumerate() {
             let run = |vector: usize| vector * length + symmetry * padded;
             let x: [&[f64]; VECTORS] = std::array::from_fn(|v| &buffers.nodal[run(v)..][..padded]);
@@ -241,23 +258,26 @@ impl VectorLoop for Evaluate<'_> {
                 &mut vector[symmetry * padded..][..padded]
             });
             four_products(simd, factor, x, product);
-            let [phi, theta @ ..]: [&[f64]; VECTORS] =
-                std::array::from_fn(|v| &buffers.newton[run(v)..][..padded]);
-            let mut add = |range: std::ops::Range<usize>, in_layer: f64| {
-                for i in range {
-                    let feature = phi[i];
-                    out.squared_features += feature * feature;
-                    out.squared_layer_features += in_layer * feature * feature;
-                    for (value, theta) in out.values.iter_mut().zip(theta) {
-                        *value += theta[i] * feature;
-                        out.squared_layer += in_layer * theta[i] * theta[i];
-                    }
+            let [phi, theta_1, theta_2, theta_3]: [&[S::f64s]; VECTORS] =
+                std::array::from_fn(|v| S::as_simd_f64s(&buffers.newton[run(v)..][..padded]).0);
+            let (in_layer, _) = S::as_simd_f64s(&block.in_layer);
+            for i in 0..phi.len() {
+                let theta = [theta_1[i], theta_2[i], theta_3[i]];
+                let phi_in_layer = simd.mul_f64s(phi[i], in_layer[i]);
+                squares = simd.mul_add_e_f64s(phi[i], phi[i], squares);
+                layer_features = simd.mul_add_e_f64s(phi_in_layer, phi[i], layer_features);
+                for ((value, layer), theta) in values.iter_mut().zip(&mut layers).zip(theta) {
+                    *value = simd.mul_add_e_f64s(theta, phi[i], *value);
+                    *layer = simd.mul_add_e_f64s(simd.mul_f64s(theta, in_layer[i]), theta, *layer);
                 }
-            };
-            add(0..block.n_core, 0.0);
-            add(block.n_core..block.n_octets, 1.0);
+            }
         }
-        out
+        BlockEvaluation {
+            squared_features: simd.reduce_sum_f64s(squares),
+            values: values.map(|value| simd.reduce_sum_f64s(value)),
+            squared_layer: layers.into_iter().map(|layer| simd.reduce_sum_f64s(layer)).sum(),
+            squared_layer_features: simd.reduce_sum_f64s(layer_features),
+        }
     }
 }
 

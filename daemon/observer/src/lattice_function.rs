@@ -55,6 +55,9 @@ const BLOCKS_TO_TRY: [usize; 3] = [4, 6, 8];
 /// The larger block that stands for the lattice has so many more points on each side.
 const SURROUNDINGS: usize = 3;
 
+/// More than a block has points along an axis; a power of two.
+const INDICES: usize = 16;
+
 /// One axis of the lattice.
 #[derive(Debug, Clone, Copy)]
 struct Axis {
@@ -136,7 +139,7 @@ struct Geometry {
     reach: f64,
     block: LatticeBlock,
     /// Place of each point of the block in the nodal values, from that of its first one.
-    places: Vec<usize>,
+    places: Vec<u32>,
     /// ρ.
     error_ratio: f64,
     /// ε.
@@ -390,7 +393,7 @@ impl Geometry {
         let row = whole_lanes(axes[2].count);
         let place = |point: &[u8; 3]| {
             let [i, j, k] = point.map(usize::from);
-            (i * axes[1].count + j) * row + k
+            ((i * axes[1].count + j) * row + k) as u32
         };
         Ok(Self {
             error_of_truncation: match reach.is_finite() {
@@ -439,15 +442,32 @@ impl Geometry {
 
     /// κ at the points of the block that starts at `start`, seen from u.
     #[inline(always)]
-    fn kernel_on_block<S: Simd>(&self, start: [usize; 3], u: [f64; 3], kernel: &mut [f64]) {
-        let mut squares = [[0.0; 12]; 3];
+    fn kernel_on_block<S: Simd>(&self, start: [usize; 3], u: [f64; 3], buffers: &mut BlockBuffers) {
+        let mut squares = [[0.0; INDICES]; 3];
         for (axis, squares) in squares.iter_mut().enumerate() {
             for (i, square) in squares.iter_mut().enumerate().take(self.block.counts()[axis]) {
                 *square = self.axes[axis].distance(start[axis] + i, u[axis]).powi(2);
             }
         }
-        for (square, &[i, j, k]) in kernel.iter_mut().zip(self.block.points()) {
-            *square = squares[0][usize::from(i)] + squares[1][usize::from(j)] + squares[2][usize::from(k)];
+        // Along one axis an octet has two indices: those of its first image, and those of its last.
+        let padded = self.block.n_padded();
+        let (kernel, sides) = buffers.kernel_and_sides();
+        let first = &self.block.points()[..self.block.n_octets()];
+        let last = &self.block.points()[(IMAGES - 1) * padded..][..self.block.n_octets()];
+        for (side, points) in [first, last].into_iter().enumerate() {
+            for (axis, squares) in squares.iter().enumerate() {
+                let along = &mut sides[(2 * axis + side) * padded..][..points.len()];
+                for (square, point) in along.iter_mut().zip(points) {
+                    *square = squares[usize::from(point[axis]) & (INDICES - 1)];
+                }
+            }
+        }
+        for (image, squares) in kernel.chunks_exact_mut(padded).enumerate() {
+            let [first, second, third]: [&[f64]; 3] =
+                std::array::from_fn(|axis| &sides[(2 * axis + (image >> axis & 1)) * padded..][..padded]);
+            for (((square, a), b), c) in squares.iter_mut().zip(first).zip(second).zip(third) {
+                *square = a + b + c;
+            }
         }
         self.kappa.replace_squares::<S>(kernel);
     }
@@ -477,12 +497,16 @@ impl<const M: usize> VectorLoop for Evaluate<'_, M> {
             learned.nodal_values.iter().enumerate().filter(|(_, values)| !values.is_empty())
         {
             let values = &values[first..];
-            for (beta, &place) in buffers.vector(output + 1).iter_mut().zip(&geometry.places) {
-                *beta = values[place];
+            let (n_octets, padded) = (geometry.block.n_octets(), geometry.block.n_padded());
+            let images = buffers.vector(output + 1).chunks_exact_mut(padded);
+            for (betas, places) in images.zip(geometry.places.chunks_exact(padded)) {
+                for (beta, &place) in betas[..n_octets].iter_mut().zip(places) {
+                    *beta = values[place as usize];
+                }
             }
         }
         if *pending != SVector::<f64, M>::zeros() {
-            geometry.kernel_on_block::<S>(start, held_at, buffers.vector(0));
+            geometry.kernel_on_block::<S>(start, held_at, buffers);
             let length = buffers.vector(0).len();
             let (kernel, betas) = buffers.nodal.split_at_mut(length);
             for (betas, &increment) in betas.chunks_exact_mut(length).zip(pending) {
@@ -491,7 +515,7 @@ impl<const M: usize> VectorLoop for Evaluate<'_, M> {
                 }
             }
         }
-        geometry.kernel_on_block::<S>(start, u, buffers.vector(0));
+        geometry.kernel_on_block::<S>(start, u, buffers);
         geometry.block.evaluate(buffers)
     }
 }

@@ -100,21 +100,28 @@ pub(crate) fn four_products<S: Simd>(
     for (panel, (((p0, p1), p2), p3)) in p0.iter_mut().zip(p1).zip(p2).zip(p3).enumerate() {
         let n_columns = LANES * (panel + 1);
         let (columns, below) = rest.split_at(n_columns);
-        // Of the LANES registers of each as many are used as hold eight numbers here.
-        let mut sums = [[zero; LANES]; 4];
-        let x = x0[..n_columns].iter().zip(&x1[..n_columns]).zip(&x2[..n_columns]).zip(&x3[..n_columns]);
-        for (column, (((&x0, &x1), &x2), &x3)) in columns.iter().zip(x) {
-            let (column, _) = S::as_simd_f64s(&column.0);
-            for (sums, x) in sums.iter_mut().zip([x0, x1, x2, x3]) {
-                let x = simd.splat_f64s(x);
-                for (sum, &entries) in sums.iter_mut().zip(column) {
-                    *sum = simd.mul_add_e_f64s(entries, x, *sum);
+        // Two columns at a time, as in a single product. Of the LANES registers of each sum as many are used as hold eight
+        // numbers here.
+        let mut sums = [[[zero; LANES]; 4]; 2];
+        let [x0, x1, x2, x3] = [x0, x1, x2, x3].map(|x| x[..n_columns].as_chunks::<2>().0);
+        let x = x0.iter().zip(x1).zip(x2).zip(x3);
+        for (columns, (((x0, x1), x2), x3)) in columns.as_chunks::<2>().0.iter().zip(x) {
+            for (c, (column, sums)) in columns.iter().zip(&mut sums).enumerate() {
+                let (column, _) = S::as_simd_f64s(&column.0);
+                for (sums, x) in sums.iter_mut().zip([x0[c], x1[c], x2[c], x3[c]]) {
+                    let x = simd.splat_f64s(x);
+                    for (sum, &entries) in sums.iter_mut().zip(column) {
+                        *sum = simd.mul_add_e_f64s(entries, x, *sum);
+                    }
                 }
             }
         }
-        for (product, sums) in [p0, p1, p2, p3].into_iter().zip(sums) {
+        let [even, odd] = sums;
+        for (product, (even, odd)) in [p0, p1, p2, p3].into_iter().zip(even.into_iter().zip(odd)) {
             let (product, _) = S::as_mut_simd_f64s(product);
-            product.iter_mut().zip(sums).for_each(|(entries, sum)| *entries = sum);
+            for (entries, (even, odd)) in product.iter_mut().zip(even.into_iter().zip(odd)) {
+                *entries = simd.add_f64s(even, odd);
+            }
         }
         rest = below;
     }
