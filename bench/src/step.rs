@@ -24,7 +24,7 @@ use nalgebra::{
 };
 use observer::{
     Centers, Channel, ChannelDesign, DeadZone, DeadZoneShape, DisturbanceBounds, Kernel, Learning,
-    LengthScale, RadialFunction,
+    LengthScale, RadialFunction, Solver,
 };
 use rustix::thread::{CpuSet, sched_getcpu, sched_setaffinity};
 use serde::Serialize;
@@ -325,7 +325,7 @@ fn check_agreement(
     let (mut difference, mut largest): (f64, f64) = (0.0, 0.0);
     for output in &outputs[..CHECKED_STEPS] {
         ours = channel.step(&ours, output, &INPUT, STEP_S);
-        let (our_force, _) = channel.law.matched_force_at(output, &Learning::none());
+        let our_force = channel.law.matched_force_at(output, &Learning::none()).value;
         let their_force;
         (theirs, their_force) = literal.step(&theirs, output, &INPUT);
         difference = difference.max((our_force - their_force).amax()).max((ours - theirs).amax());

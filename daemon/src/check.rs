@@ -6,8 +6,8 @@ use comfy_table::{ContentArrangement, Table, presets::NOTHING};
 use nalgebra::Vector3;
 use observer::{
     Centers, Certificate, ChannelDesign, DesignError, DesignReport, InitialState, Kernel, LengthScale,
-    LengthScaleEffect, LinearObserver, LinearOutput, RigidBodyObserver, Sample, Velocity, Verdict,
-    length_scale_effect,
+    LengthScaleEffect, LinearObserver, LinearOutput, RigidBodyObserver, Sample, SolverInUse, Velocity,
+    Verdict, length_scale_effect,
 };
 use rustix::stdio::stdout;
 use rustix::termios::tcgetwinsize;
@@ -148,10 +148,25 @@ pub fn unproven(file: &ConfigFile, estimator: &Estimator) -> Vec<String> {
     sentences
 }
 
+/// One sentence for each channel whose f̂ is computed by the local solver.
+pub fn local_solvers(estimator: &Estimator) -> Vec<String> {
+    let body = estimator.rigid_body.as_ref();
+    let channels = [
+        ("translation", body.and_then(RigidBodyObserver::translation).map(|law| law.solver())),
+        ("rotation", body.and_then(RigidBodyObserver::rotation).map(|law| law.solver())),
+        ("linear", estimator.linear.as_ref().map(|linear| linear.law().solver())),
+    ];
+    let local = channels.into_iter().filter_map(|(name, solver)| Some((name, solver?)));
+    local
+        .filter(|(_, solver)| *solver != SolverInUse::Dense)
+        .map(|(name, solver)| format!("{name}: the solver is {solver}"))
+        .collect()
+}
+
 /// The median time of a step (ns), outputs wandering through the box of the centers.
 fn time_steps(mut observer: RigidBodyObserver) -> u64 {
     let law = observer.translation().or(observer.rotation()).expect("one channel was built");
-    let (lower, upper) = law.space().bounding_box();
+    let (lower, upper) = law.bounding_box();
     let (lower, upper) = (Vector3::from_column_slice(lower), Vector3::from_column_slice(upper));
     time(|j, wander| {
         let output = lower + (upper - lower).component_mul(&Vector3::from(wander));
@@ -165,7 +180,7 @@ fn time_steps(mut observer: RigidBodyObserver) -> u64 {
 }
 
 fn time_linear_steps(mut observer: LinearObserver) -> u64 {
-    let (lower, upper) = observer.law().space().bounding_box();
+    let (lower, upper) = observer.law().bounding_box();
     let (lower, upper) = (lower.to_vec(), upper.to_vec());
     time(|j, wander| {
         let at = |axis: usize| lower[axis] + (upper[axis] - lower[axis]) * wander[axis % 3];
@@ -256,6 +271,10 @@ impl ChannelCheck {
             "lure_lyapunov_residual": pair.map(|pair| pair.lyapunov_residual),
             "level_set_factor": pair.map(|_| report.level_set_factor()),
         });
+        let (block, predicted_error) = match &report.solver {
+            SolverInUse::Dense => (None, None),
+            SolverInUse::Local { block, predicted_error } => (Some(block), Some(predicted_error)),
+        };
         let numbers = json!({
             "noise_bound": report.bounds.noise,
             "unmatched_bound": report.bounds.unmatched,
@@ -278,6 +297,10 @@ impl ChannelCheck {
             "hold_s": report.hold_s,
             "gram_condition": report.gram_condition,
             "bytes": report.bytes,
+            "memory_bytes": report.memory_bytes,
+            "solver": if report.solver == SolverInUse::Dense { "dense" } else { "local" },
+            "solver_block": block,
+            "solver_predicted_error": predicted_error,
             "step_ns": self.step_ns.as_ref().ok(),
             "length_scale_effect": length_scales,
             "findings": findings,
@@ -295,6 +318,7 @@ impl ChannelCheck {
         for key in missing {
             let reason = match (key.as_str(), &report.lure, &self.step_ns) {
                 ("length_scale_effect", ..) => nothing_compared.clone(),
+                ("solver_block" | "solver_predicted_error", ..) => "the dense solver is exact".into(),
                 ("separation_length_scales", ..) => "there is a single center".into(),
                 ("step_ns", _, Err(refusal)) => format!("daemon run refuses this channel: {refusal}"),
                 (_, Err(reason), _) => reason.clone(),
@@ -324,9 +348,11 @@ impl ChannelCheck {
             Ok(step_ns) => format!("{:.2} µs (median of {TIMED_STEPS} here)", *step_ns as f64 / 1e3),
             Err(_) => "not measured: daemon run would refuse this channel".into(),
         };
+        fact("solver", report.solver.to_string());
+        fact("memory", format!("{} bytes", report.memory_bytes));
         fact("one step", format!("{} bytes read, {step}", report.bytes));
         fact(
-            "centers",
+            if report.solver == SolverInUse::Dense { "centers" } else { "centers of one block" },
             format!(
                 "cond(K) = {:.4}, κ(0) = {:.4}, fill distance {:.3}, separation {} length scales",
                 Short(report.gram_condition),

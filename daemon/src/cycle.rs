@@ -386,6 +386,7 @@ pub fn to_payload(state: &VehicleEstimate) -> Estimate {
         activation: report.activation,
         power_function: report.power_function,
         native_norm: report.native_norm,
+        solver_error: report.solver_error,
         error_bound: report.error_bound,
         output_age_s: report.output_age_s,
     };

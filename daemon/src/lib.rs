@@ -92,6 +92,7 @@ impl Service {
     /// The configuration is refused, the instance is taken, or shared memory cannot be used; nothing runs then.
     pub fn start(config: &ConfigFile, domain: &Domain, instance: &str) -> Result<Self, StartError> {
         let observer = config.estimator()?;
+        check::local_solvers(&observer).iter().for_each(|sentence| say!("{sentence}"));
         check::unproven(config, &observer).iter().for_each(|sentence| say!("warning: {sentence}"));
         let config = config.config.clone();
         check_instance_name(instance).map_err(PortsError::from)?;

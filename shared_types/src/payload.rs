@@ -205,7 +205,7 @@ impl Measurement {
 /// general linear plant; forces N or N·m.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, Default, PartialEq, ZeroCopySend, Serialize, Deserialize)]
-#[type_name("observer.Channel.v1")]
+#[type_name("observer.Channel.v2")]
 pub struct Channel {
     /// ‖ỹ‖ = ‖y − Cx̂‖ at the held sample; 0 while coasting.
     pub output_error: f64,
@@ -215,6 +215,9 @@ pub struct Channel {
     pub power_function: f64,
     /// ‖f̂_N‖ in the native space.
     pub native_norm: f64,
+    /// How far the learned force may be from that of the dense solver (N; N·m): the local solver's estimate of its own
+    /// error; 0 where the dense one is in use.
+    pub solver_error: f64,
     /// max(d, d_N): the size that the theorems claim ‖e‖ settles below, if their conditions hold (`daemon check`
     /// tells). A bound, not a covariance; +∞ while coasting.
     pub error_bound: f64,
@@ -225,7 +228,7 @@ pub struct Channel {
 /// The state estimate at `stamp_ns`, and how far it can be trusted.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, Default, PartialEq, ZeroCopySend, Serialize, Deserialize)]
-#[type_name("observer.Estimate.v2")]
+#[type_name("observer.Estimate.v3")]
 pub struct Estimate {
     /// Counts the service's publications from 0.
     pub sequence: u64,
@@ -545,8 +548,8 @@ const _: () = {
     assert!(offset_of!(Measurement, output) == 176);
     assert!(offset_of!(Measurement, input) == 224);
 
-    assert!(size_of::<Channel>() == 48);
-    assert!(size_of::<Estimate>() == 512 && align_of::<Estimate>() == 8);
+    assert!(size_of::<Channel>() == 56);
+    assert!(size_of::<Estimate>() == 536 && align_of::<Estimate>() == 8);
     assert!(offset_of!(Estimate, source_sequence) == 8);
     assert!(offset_of!(Estimate, stamp_ns) == 16);
     assert!(offset_of!(Estimate, source_stamp_ns) == 24);
@@ -560,10 +563,10 @@ const _: () = {
     assert!(offset_of!(Estimate, matched_force_n) == 176);
     assert!(offset_of!(Estimate, matched_torque_n_m) == 200);
     assert!(offset_of!(Estimate, translation) == 224);
-    assert!(offset_of!(Estimate, rotation) == 272);
-    assert!(offset_of!(Estimate, state) == 320);
-    assert!(offset_of!(Estimate, matched_input) == 416);
-    assert!(offset_of!(Estimate, linear) == 464);
+    assert!(offset_of!(Estimate, rotation) == 280);
+    assert!(offset_of!(Estimate, state) == 336);
+    assert!(offset_of!(Estimate, matched_input) == 432);
+    assert!(offset_of!(Estimate, linear) == 480);
 
     assert!(size_of::<LatencySummary>() == 48);
     assert!(size_of::<Status>() == 29 * 8 + 4 * 48);

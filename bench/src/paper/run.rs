@@ -18,6 +18,7 @@ use anyhow::ensure;
 use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 use observer::{
     Centers, Channel, ChannelDesign, DeadZone, DisturbanceBounds, Kernel, Learning, LengthScale, Segment,
+    Solver,
 };
 use sim_publisher::plant::{State, Wrench, integrate, integrate_under};
 use sim_publisher::scenario::Definition;
@@ -60,7 +61,8 @@ pub fn run(settings: &Settings) -> anyhow::Result<Run> {
         let matched_force = match settings.scheme {
             Scheme::UpdateFirst => channel.law.matched_force(&learning),
             Scheme::PredictFirst => channel.law.matched_force(&Learning::none()),
-        };
+        }
+        .value;
         channel.law.learn(&learning);
         run.n_clamped += usize::from(learning.clamped);
 

@@ -88,10 +88,13 @@ impl LatticeBlock {
         let factor = |symmetry: usize| {
             // A point in a middle plane is its own image: it has no difference to it.
             let is_present = |octet: &[usize; 3]| {
-                (0..3).all(|axis| symmetry >> axis & 1 == 0 || counts[axis] % 2 == 0 || octet[axis] > 0)
+                (0..3).all(|axis| {
+                    symmetry >> axis & 1 == 0 || counts[axis].is_multiple_of(2) || octet[axis] > 0
+                })
             };
             let present: Vec<_> = (0..octets.len()).filter(|&o| is_present(&octets[o])).collect();
-            let sign = |image: usize| if (symmetry & image).count_ones() % 2 == 0 { 1.0 } else { -1.0 };
+            let sign =
+                |image: usize| if (symmetry & image).count_ones().is_multiple_of(2) { 1.0 } else { -1.0 };
             let gram = DMatrix::from_fn(present.len(), present.len(), |i, j| {
                 let (i, j) = (present[i.max(j)], present[i.min(j)]);
                 // A reflection moves both points alike: one of them need not move.

@@ -53,6 +53,22 @@ pub enum SolverInUse {
     },
 }
 
+impl std::fmt::Display for SolverInUse {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::Dense => f.write_str("dense, exact"),
+            Self::Local { block, predicted_error } => {
+                let points: Vec<_> = block.iter().map(usize::to_string).collect();
+                write!(
+                    f,
+                    "local, from a block of {} centers; error about {predicted_error:.1e} of f̂ (RMS, random updates)",
+                    points.join("×")
+                )
+            }
+        }
+    }
+}
+
 impl Solver {
     /// The options of the local solver, where that is the one to use for these centers.
     pub(crate) fn local(&self, centers: &Centers) -> Option<LocalSolver> {

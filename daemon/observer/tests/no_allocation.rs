@@ -3,13 +3,13 @@
 use allocation_counter::measure;
 use nalgebra::{DMatrix, Matrix3, UnitQuaternion, Vector3};
 use observer::*;
-fn channel(inertia: f64) -> ChannelDesign {
+fn channel(inertia: f64, solver: Solver) -> ChannelDesign {
     ChannelDesign {
         kernel: Kernel::SobolevMatern { dimension: 3, order: 3 },
         length_scale: LengthScale::Isotropic(1.0),
-        centers: Centers::lattice([-1.0; 3], [1.0; 3], [4; 3]).unwrap(),
+        centers: Centers::lattice([-1.0; 3], [1.0; 3], [5; 3]).unwrap(),
         nugget: 0.0,
-        solver: Solver::Dense,
+        solver,
         inertia: Matrix3::identity() * inertia,
         gain_per_s: 10.0,
         adaptation_rate: Matrix3::identity() * 10.0,
@@ -22,15 +22,23 @@ fn channel(inertia: f64) -> ChannelDesign {
 
 #[test]
 fn accepting_estimating_and_restoring_allocate_nothing() {
+    let local = LocalSolver { block: Some(4), ..LocalSolver::default() };
+    let truncated = LocalSolver { truncation: 0.1, ..local };
+    for solver in [Solver::Dense, Solver::Local(local), Solver::Local(truncated)] {
+        an_observer_allocates_nothing_after_construction(solver);
+    }
+}
+
+fn an_observer_allocates_nothing_after_construction(solver: Solver) {
     let translation = TranslationDesign {
-        channel: channel(4.0),
+        channel: channel(4.0, solver),
         known_force_n: Vector3::zeros(),
         velocity_error_to_position: 0.0,
         position_fix_gain_per_s: 1.0,
         position_fix_hold_s: 0.1,
     };
     let rotation = RotationDesign {
-        channel: channel(0.5),
+        channel: channel(0.5, solver),
         gyroscopic_torque: GyroscopicTorque::Feedforward,
         attitude_fix_gain_per_s: 1.0,
         attitude_fix_hold_s: 0.1,

@@ -4,7 +4,9 @@ use observer::Parameter;
 
 /// The comment line above a key.
 pub(super) fn comment(key: &str) -> String {
-    match KEYS.iter().find(|(known, _)| *known == key) {
+    // The keys of a solver mean the same in every channel.
+    let in_any_channel = key.split_once('.').map_or("", |(_, name)| name);
+    match KEYS.iter().find(|(known, _)| *known == key || *known == in_any_channel) {
         Some((_, text)) => format!("# {text}\n"),
         None => String::new(),
     }
@@ -20,6 +22,7 @@ pub(super) fn key_of(table: &str, parameter: Parameter) -> &'static str {
     match parameter {
         Parameter::LengthScale => pick("length_scale_m_s", "length_scale_rad_s", "length_scale"),
         Parameter::Nugget => "nugget",
+        Parameter::Solver => "solver",
         Parameter::Centers => pick("centers_lower_m_s", "centers_lower_rad_s", "centers_lower"),
         Parameter::Gain => pick("gain_per_s", "gain_per_s", "gain"),
         Parameter::AdaptationRate => pick("adaptation_rate_kg_s2", "adaptation_rate_n_m", "adaptation_rate"),
@@ -94,6 +97,23 @@ pub(super) const KEYS: &[(&str, &str)] = &[
         "Where several publish: \"first\" keeps the one in use, \"newest\" takes the one that appeared last.",
     ),
     ("input.takeover_after_s", "A source silent for this long may be replaced by another one."),
+    (
+        "solver",
+        "How the learned function is computed: \"dense\" from all centers, exact; \"local\" from those around the output, with an error estimate in every estimate; \"auto\" by the number of centers. Or a table of options.",
+    ),
+    ("solver.kind", "\"auto\", \"dense\" or \"local\"."),
+    (
+        "solver.block",
+        "Local: centers along each axis of the lattice block that is evaluated, an even number 4 … 12; default: as accuracy needs.",
+    ),
+    (
+        "solver.accuracy",
+        "Local: the error that the block is chosen for, RMS relative to the learned function, for random updates.",
+    ),
+    (
+        "solver.truncation",
+        "Local: an update ends where the kernel falls below this multiple of its largest value; 0 never cuts (Wendland kernels end by themselves).",
+    ),
     ("translation", "Position, velocity and unknown force from measured velocity."),
     ("translation.mass_kg", "Nominal mass; under water with the added mass."),
     (

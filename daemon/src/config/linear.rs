@@ -1,6 +1,8 @@
 //! `[linear]`: a plant of the user's own A, B and C, in units of its own.
 
-use super::{CentersKeys, DeadZoneName, HOLD_PERIODS, KernelName, LengthScaleConfig, dead_zone};
+use super::{
+    CentersKeys, DeadZoneName, HOLD_PERIODS, KernelName, LengthScaleConfig, SolverConfig, dead_zone,
+};
 use nalgebra::{DMatrix, DVector};
 use observer::{DesignError, DisturbanceBounds, LinearDesign, Parameter};
 use serde::{Deserialize, Serialize};
@@ -48,6 +50,9 @@ pub struct LinearConfig {
     /// Added to the Gram matrix's diagonal, as a multiple of κ(0).
     #[serde(default)]
     pub nugget: f64,
+    /// How the learned function is computed.
+    #[serde(default)]
+    pub solver: SolverConfig,
     /// Shape of σ.
     #[serde(default)]
     pub dead_zone: DeadZoneName,
@@ -103,6 +108,7 @@ impl LinearConfig {
             length_scale: self.length_scale.length_scale(),
             centers: centers.centers()?,
             nugget: self.nugget,
+            solver: self.solver.solver(),
             adaptation_rate: match &self.adaptation_rate {
                 SquareMatrix::Scalar(rate) => DMatrix::identity(n_outputs, n_outputs) * *rate,
                 SquareMatrix::Diagonal(rates) => DMatrix::from_diagonal(&DVector::from_column_slice(rates)),

@@ -7,8 +7,8 @@ use crate::estimator::Estimator;
 use nalgebra::{Matrix3, Quaternion, UnitQuaternion, Vector3};
 use observer::{
     Centers, ChannelDesign, DeadZone, DeadZoneShape, DesignError, DisturbanceBounds, GyroscopicTorque,
-    InitialState, Kernel, LengthScale, LinearDesign, LinearObserver, Parameter, RigidBodyObserver,
-    RotationDesign, TranslationDesign,
+    InitialState, Kernel, LengthScale, LinearDesign, LinearObserver, LocalSolver, Parameter,
+    RigidBodyObserver, RotationDesign, Solver, TranslationDesign,
 };
 use serde::{Deserialize, Serialize};
 use std::path::Path;
@@ -273,6 +273,72 @@ impl KernelName {
     }
 }
 
+/// How the learned function is computed: by name, or with options.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(
+    untagged,
+    expecting = "expected \"auto\", \"dense\", \"local\", or a table { kind = \"local\", block = 6, accuracy = 1e-3, truncation = 1e-6 }"
+)]
+pub enum SolverConfig {
+    /// By name.
+    Name(SolverName),
+    /// With options.
+    Options(SolverOptions),
+}
+
+/// The solver by name.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum SolverName {
+    /// By the number of centers.
+    #[default]
+    Auto,
+    /// All centers at every step: exact.
+    Dense,
+    /// The neighbourhood of the output, with an error estimate.
+    Local,
+}
+
+/// Options of the local solver.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SolverOptions {
+    /// Which solver they are for.
+    #[serde(default)]
+    pub kind: SolverName,
+    /// Centers along each axis of the block that f̂ is evaluated from.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub block: Option<usize>,
+    /// Relative RMS error that the block is chosen for.
+    #[serde(default = "defaults::local_accuracy")]
+    pub accuracy: f64,
+    /// An update ends where κ(r) falls below this multiple of κ(0).
+    #[serde(default)]
+    pub truncation: f64,
+}
+
+impl Default for SolverConfig {
+    fn default() -> Self {
+        Self::Name(SolverName::Auto)
+    }
+}
+
+impl SolverConfig {
+    fn solver(&self) -> Solver {
+        let (name, options) = match *self {
+            Self::Name(name) => (name, LocalSolver::default()),
+            Self::Options(SolverOptions { kind, block, accuracy, truncation }) => {
+                (kind, LocalSolver { block, accuracy, truncation })
+            }
+        };
+        match name {
+            SolverName::Auto => Solver::Auto(options),
+            SolverName::Dense => Solver::Dense,
+            SolverName::Local => Solver::Local(options),
+        }
+    }
+}
+
 /// A length scale: one number, or one per axis.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(untagged, expecting = "expected a number, or one number per axis")]
@@ -355,6 +421,9 @@ pub struct TranslationConfig {
     /// Added to the Gram matrix's diagonal, as a multiple of κ(0).
     #[serde(default)]
     pub nugget: f64,
+    /// How the learned function is computed.
+    #[serde(default)]
+    pub solver: SolverConfig,
     /// Shape of σ.
     #[serde(default)]
     pub dead_zone: DeadZoneName,
@@ -417,6 +486,9 @@ pub struct RotationConfig {
     /// Added to the Gram matrix's diagonal, as a multiple of κ(0).
     #[serde(default)]
     pub nugget: f64,
+    /// How the learned function is computed.
+    #[serde(default)]
+    pub solver: SolverConfig,
     /// Shape of σ.
     #[serde(default)]
     pub dead_zone: DeadZoneName,
@@ -443,6 +515,9 @@ pub struct RotationConfig {
 mod defaults {
     pub(super) fn stale_after_s() -> f64 {
         0.5
+    }
+    pub(super) fn local_accuracy() -> f64 {
+        observer::LocalSolver::default().accuracy
     }
     pub(super) fn fix_hold_s() -> f64 {
         0.25
@@ -807,6 +882,7 @@ impl TranslationConfig {
                 length_scale: self.length_scale_m_s.length_scale(),
                 centers: centers.centers()?,
                 nugget: self.nugget,
+                solver: self.solver.solver(),
                 inertia: Matrix3::identity() * self.mass_kg,
                 gain_per_s: self.gain_per_s,
                 adaptation_rate: self.adaptation_rate_kg_s2.matrix(),
@@ -841,6 +917,7 @@ impl RotationConfig {
                 length_scale: self.length_scale_rad_s.length_scale(),
                 centers: centers.centers()?,
                 nugget: self.nugget,
+                solver: self.solver.solver(),
                 inertia: self.inertia_kg_m2.matrix(),
                 gain_per_s: self.gain_per_s,
                 adaptation_rate: self.adaptation_rate_n_m.matrix(),
