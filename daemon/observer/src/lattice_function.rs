@@ -38,6 +38,7 @@ use crate::lanes::{VectorLoop, VectorUnit, multiply_add, whole_lanes};
 use crate::lattice_block::{BlockBuffers, BlockEvaluation, IMAGES, LatticeBlock};
 use crate::learned_function::Evaluation;
 use crate::native_space::ScaledKernel;
+use crate::solver::surroundings_norm;
 use crate::{Centers, DesignError, Kernel, LengthScale, LocalSolver, NativeSpace, Parameter};
 use nalgebra::SVector;
 use pulp::Simd;
@@ -46,10 +47,6 @@ use std::hint::black_box;
 /// Where the rows of the lattice end, what is beyond its last point lies this many length scales away: the kernel is 0
 /// there.
 const FAR: f64 = 1e150;
-/// ε: what counts of ‖f̂_N‖ beside the outermost layer, for m = 1, 2, 3.
-const SHARE_OF_NORM: [f64; 3] = [1.0, 0.25, 0.0625];
-/// What counts of the norm of the outermost layer.
-const SHARE_OF_LAYER: f64 = 2.0;
 /// Blocks that are tried for the accuracy that is asked for: larger ones are slow to set up.
 const BLOCKS_TO_TRY: [usize; 3] = [4, 6, 8];
 /// The larger block that stands for the lattice has so many more points on each side.
@@ -142,8 +139,8 @@ struct Geometry {
     places: Vec<u32>,
     /// ρ.
     error_ratio: f64,
-    /// ε.
-    share_of_norm: f64,
+    /// m.
+    dimension: usize,
     /// RMS of the error over that of f̂, for random histories.
     predicted_error: f64,
     /// What one unit of increment that was dropped beyond the reach may change f̂ by at most.
@@ -408,7 +405,7 @@ impl Geometry {
             places: block.points().iter().map(place).collect(),
             block,
             error_ratio,
-            share_of_norm: SHARE_OF_NORM[dimension - 1],
+            dimension,
             predicted_error: relative_error,
             unit: VectorUnit::of_this_machine(),
         })
@@ -425,8 +422,7 @@ impl Geometry {
 
     fn evaluation<const M: usize>(&self, block: &BlockEvaluation, learned: &Learned) -> Evaluation<M> {
         let norm = learned.squared_norm.sqrt();
-        let surroundings =
-            |layer: f64, norm: f64| norm.min(SHARE_OF_LAYER * layer + self.share_of_norm * norm);
+        let surroundings = |layer: f64, norm: f64| surroundings_norm(self.dimension, layer, norm);
         // Beside a center the difference is rounding noise.
         let power = self.block.power_function(block.squared_features).max(1e-7 * self.value_at_zero.sqrt());
         let functional = self.error_ratio * power;
@@ -721,22 +717,8 @@ const CALIBRATION_UPDATES: usize = 192;
 mod tests {
     use super::*;
     use crate::dense_function::DenseFunction;
+    use crate::learned_function::tests::Numbers;
     use nalgebra::Vector3;
-
-    /// Numbers without a pattern, the same in every run.
-    struct Numbers(u64);
-
-    impl Numbers {
-        /// From −1 to 1.
-        fn next(&mut self) -> f64 {
-            self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-            (self.0 >> 11) as f64 / (1_u64 << 52) as f64 - 1.0
-        }
-
-        fn point(&mut self, half: f64, m: usize) -> Vec<f64> {
-            (0..m).map(|_| half * self.next()).collect()
-        }
-    }
 
     const MATERN: fn(usize) -> Kernel =
         |dimension| Kernel::SobolevMatern { dimension, order: dimension.div_ceil(2) + 1 };
@@ -754,109 +736,8 @@ mod tests {
         (DenseFunction::zero(space), local)
     }
 
-    /// Where the outputs of a history come from: anywhere, along a path, or around one place.
-    fn output(kind: usize, j: usize, m: usize, numbers: &mut Numbers) -> Vec<f64> {
-        match kind {
-            0 => numbers.point(2.0, m),
-            1 => (0..m).map(|axis| 1.95 * (0.011 * (j * (axis + 2)) as f64 + axis as f64).sin()).collect(),
-            _ => (0..m).map(|axis| 0.7 - 0.5 * axis as f64 + 0.3 * numbers.next()).collect(),
-        }
-    }
-
     fn block_of(points: usize) -> LocalSolver {
         LocalSolver { block: Some(points), ..LocalSolver::default() }
-    }
-
-    /// The one promise of the solver: no evaluation is farther from the dense solver's than it says, after histories
-    /// of all kinds, where updates were made and elsewhere, inside and outside of the lattice.
-    #[test]
-    fn no_evaluation_is_farther_from_the_dense_one_than_its_estimate() {
-        let wendland = |n: usize, support: f64| LengthScale::Isotropic(support * 4.0 / (n - 1) as f64);
-        let one = LengthScale::Isotropic(1.0);
-        let cases: Vec<(Kernel, LengthScale, Vec<usize>, usize, f64)> = vec![
-            (Kernel::WendlandC2, wendland(9, 4.0), vec![9; 3], 4, 2e-2),
-            (Kernel::WendlandC2, wendland(9, 4.0), vec![9; 3], 6, 5e-3),
-            (Kernel::WendlandC2, wendland(9, 6.0), vec![9; 3], 6, 3e-3),
-            (Kernel::WendlandC4, wendland(9, 4.0), vec![9; 3], 6, 2e-2),
-            (MATERN(3), one.clone(), vec![8; 3], 4, 4e-3),
-            (MATERN(3), one.clone(), vec![8; 3], 6, 6e-4),
-            (MATERN(3), LengthScale::PerAxis(vec![0.7, 1.0, 1.5]), vec![11, 3, 8], 4, 8e-3),
-            (MATERN(2), one.clone(), vec![20, 14], 4, 2e-2),
-            (Kernel::WendlandC2, wendland(20, 4.0), vec![20; 2], 6, 5e-3),
-            (MATERN(1), LengthScale::Isotropic(0.3), vec![60], 4, 2e-2),
-            (Kernel::WendlandC2, wendland(60, 5.0), vec![60], 6, 2e-3),
-        ];
-        let mut numbers = Numbers(1);
-        for (kernel, length_scale, per_axis, points, largest_rms) in cases {
-            let m = per_axis.len();
-            let (mut dense, mut local) = both(kernel, &length_scale, &per_axis, block_of(points));
-            let (mut tightness, mut errors, mut values) = (Vec::new(), 0.0, 0.0);
-            for history in 0..9 {
-                let n_updates = [1, 8, 60, 300][history % 4];
-                for j in 0..n_updates {
-                    let y = output(history % 3, j, m, &mut numbers);
-                    let increment = Vector3::from_fn(|axis, _| if axis < m { numbers.next() } else { 0.0 });
-                    dense.hold(&y);
-                    local.hold(&y);
-                    local.held();
-                    dense.learn(&increment);
-                    local.learn(&increment);
-                }
-                for j in 0..120 {
-                    // Along the history, around it, and a little beyond the lattice.
-                    let near = output(history % 3, j * 5 % n_updates.max(2), m, &mut numbers);
-                    let point = match j % 3 {
-                        0 => near,
-                        1 => near.iter().map(|y| y + 0.2 * numbers.next()).collect(),
-                        _ => numbers.point(2.5, m),
-                    };
-                    let exact = dense.at(&point, &Vector3::zeros());
-                    let found = local.at(&point, &Vector3::zeros());
-                    let error = (found.value - exact.value).norm();
-                    let case =
-                        format!("{kernel:?} {per_axis:?} block {points}, history {history}, at {point:?}");
-                    assert!(error <= found.error, "{case}: {error:.2e} > {:.2e}", found.error);
-                    assert!(found.squared_features <= exact.squared_features + 1e-9, "{case}");
-                    if error > 1e-9 {
-                        tightness.push(found.error / error);
-                    }
-                    if j % 3 < 2 {
-                        errors += error * error;
-                        values += exact.value.norm_squared();
-                    }
-                }
-                let norms = (dense.native_norm(), local.native_norm());
-                assert!((norms.1 / norms.0 - 1.0).abs() < 0.05, "{kernel:?} {per_axis:?}: {norms:?}");
-                dense.forget();
-                local.forget();
-            }
-            tightness.sort_by(f64::total_cmp);
-            let rms = (errors / values).sqrt();
-            println!(
-                "{kernel:?} {per_axis:?} block {points}: RMS error {rms:.1e} of f̂ ({:.1e} predicted), estimate over error: least {:.1}, median {:.0}",
-                local.predicted_error(),
-                tightness.first().copied().unwrap_or(f64::NAN),
-                tightness.get(tightness.len() / 2).copied().unwrap_or(f64::NAN)
-            );
-            assert!(rms < largest_rms, "{kernel:?} {per_axis:?} block {points}: {rms:.1e}");
-            let predicted = local.predicted_error();
-            assert!(rms < 2.0 * predicted && rms > 0.1 * predicted, "{rms:.1e}, predicted {predicted:.1e}");
-        }
-    }
-
-    /// Learns a history and returns where it was learned.
-    fn learn_something(local: &mut LatticeFunction<3>, n_updates: usize, seed: u64) -> Vec<Vec<f64>> {
-        let mut numbers = Numbers(seed);
-        let m = local.n_outputs;
-        (0..n_updates)
-            .map(|j| {
-                let y = output(1, j, m, &mut numbers);
-                local.hold(&y);
-                local.held();
-                local.learn(&Vector3::from_fn(|axis, _| if axis < m { numbers.next() } else { 0.0 }));
-                y
-            })
-            .collect()
     }
 
     /// β after one update is k(y) in at every center, and f̂ at a center is its nodal value.
@@ -883,58 +764,6 @@ mod tests {
         }
     }
 
-    #[test]
-    fn a_pending_increment_counts_as_a_learned_one() {
-        for per_axis in [vec![30], vec![12, 9], vec![7, 8, 9]] {
-            let m = per_axis.len();
-            let length_scale = LengthScale::Isotropic(1.0);
-            let (_, mut local) = both(MATERN(m), &length_scale, &per_axis, block_of(4));
-            learn_something(&mut local, 50, 3);
-            local.hold(&vec![0.4; m]);
-            let held = local.held();
-            let pending = Vector3::from_fn(|axis, _| if axis < m { 0.3 - 0.2 * axis as f64 } else { 0.0 });
-            let points = [vec![0.4; m], vec![0.5; m], vec![-0.1; m], vec![1.9; m]];
-            let before: Vec<_> = points.iter().map(|point| local.at(point, &pending).value).collect();
-            local.learn(&pending);
-            for (point, before) in points.iter().zip(&before) {
-                let after = local.at(point, &Vector3::zeros()).value;
-                assert!((after - before).norm() < 1e-12, "{per_axis:?} at {point:?}");
-            }
-            // And at the held output it is φᵀφ in.
-            assert!((before[0] - held.value - held.squared_features * pending).norm() < 1e-10);
-        }
-    }
-
-    #[test]
-    fn what_was_good_comes_back_to_the_bit_and_what_is_forgotten_is_gone() {
-        let (_, mut local) = both(Kernel::WendlandC2, &LengthScale::Isotropic(1.5), &[9, 8, 7], block_of(4));
-        let bits = |local: &mut LatticeFunction<3>| {
-            let mut numbers = Numbers(9);
-            let at: Vec<_> =
-                (0..50).map(|_| local.at(&numbers.point(2.0, 3), &Vector3::zeros()).value).collect();
-            format!("{at:?} {}", local.native_norm())
-        };
-        let nothing = bits(&mut local);
-        learn_something(&mut local, 40, 4);
-        local.keep_good_copy();
-        let good = bits(&mut local);
-        learn_something(&mut local, 40, 5);
-        assert_ne!(bits(&mut local), good);
-        local.restore_good_copy();
-        assert_eq!(bits(&mut local), good);
-        // Once more, from a copy of which only a part is new.
-        learn_something(&mut local, 2, 6);
-        local.keep_good_copy();
-        let better = bits(&mut local);
-        learn_something(&mut local, 30, 7);
-        local.restore_good_copy();
-        assert_eq!(bits(&mut local), better);
-        local.forget();
-        assert_eq!(bits(&mut local), nothing);
-        local.restore_good_copy();
-        assert_eq!(bits(&mut local), better, "a mistake can be taken back");
-    }
-
     /// A truncated kernel leaves something out at every update; the estimate knows.
     #[test]
     fn what_a_truncated_kernel_drops_is_within_the_estimate() {
@@ -943,8 +772,8 @@ mod tests {
         let (mut dense, mut local) = both(MATERN(3), &length_scale, &[9; 3], options);
         assert!(local.geometry.reach > 8.0 && local.geometry.reach < 12.0, "{}", local.geometry.reach);
         let mut numbers = Numbers(11);
-        for j in 0..200 {
-            let y = output(1, j, 3, &mut numbers);
+        for _ in 0..200 {
+            let y = numbers.point(1.9, 3);
             let increment = Vector3::from_fn(|_, _| numbers.next().abs());
             dense.hold(&y);
             local.hold(&y);
@@ -966,7 +795,9 @@ mod tests {
     /// A truncated update costs what the kernel reaches, not what the lattice holds.
     #[test]
     fn an_update_touches_only_what_the_kernel_reaches() {
-        let (_, mut local) = both(Kernel::WendlandC2, &LengthScale::Isotropic(1.0), &[17; 3], block_of(4));
+        let centers = Centers::lattice([-2.0; 3], [2.0; 3], [17; 3]).unwrap();
+        let kernel = (Kernel::WendlandC2, &LengthScale::Isotropic(1.0));
+        let mut local = LatticeFunction::<3>::zero(kernel, &centers, 0.0, &block_of(4)).unwrap();
         local.hold(&[0.13, 0.21, 0.3]);
         local.held();
         local.learn(&Vector3::new(1.0, 1.0, 1.0));

@@ -203,7 +203,7 @@ impl<const M: usize> Law<M> {
     pub fn weights(&self) -> &[Vec<f64>] {
         match &self.function {
             LearnedFunction::Dense(function) => function.weights(),
-            LearnedFunction::Lattice(_) => &[],
+            LearnedFunction::Lattice(_) | LearnedFunction::Scattered(_) => &[],
         }
     }
 

@@ -3,6 +3,7 @@
 
 use crate::dense_function::DenseFunction;
 use crate::lattice_function::LatticeFunction;
+use crate::scattered_function::ScatteredFunction;
 use crate::{Centers, DesignError, Kernel, LengthScale, NativeSpace, Solver, SolverInUse};
 use nalgebra::SVector;
 
@@ -31,6 +32,7 @@ impl<const M: usize> Evaluation<M> {
 pub(crate) enum LearnedFunction<const M: usize> {
     Dense(Box<DenseFunction<M>>),
     Lattice(Box<LatticeFunction<M>>),
+    Scattered(Box<ScatteredFunction<M>>),
 }
 
 /// The same call for each kind.
@@ -39,6 +41,7 @@ macro_rules! each {
         match $function {
             Self::Dense($inner) => $call,
             Self::Lattice($inner) => $call,
+            Self::Scattered($inner) => $call,
         }
     };
 }
@@ -58,6 +61,10 @@ impl<const M: usize> LearnedFunction<M> {
             None => {
                 let space = NativeSpace::new(kernel, length_scale, centers.clone(), nugget)?;
                 Ok(Self::Dense(Box::new(DenseFunction::zero(space))))
+            }
+            Some(options) if centers.lattice_box().is_none() => {
+                let function = ScatteredFunction::zero((kernel, length_scale), centers, nugget, &options)?;
+                Ok(Self::Scattered(Box::new(function)))
             }
             Some(options) => {
                 let function = LatticeFunction::zero((kernel, length_scale), centers, nugget, &options)?;
@@ -118,6 +125,10 @@ impl<const M: usize> LearnedFunction<M> {
             Self::Lattice(function) => {
                 SolverInUse::Local { block: function.block(), predicted_error: function.predicted_error() }
             }
+            Self::Scattered(function) => SolverInUse::Neighbours {
+                n_neighbours: function.n_neighbours(),
+                predicted_error: function.predicted_error(),
+            },
         }
     }
 
@@ -129,5 +140,254 @@ impl<const M: usize> LearnedFunction<M> {
     /// Bytes that a step reads.
     pub(crate) fn bytes_of_step(&self) -> usize {
         each!(self, f => f.bytes_of_step())
+    }
+}
+
+#[cfg(test)]
+pub(crate) mod tests {
+    use super::*;
+    use crate::LocalSolver;
+    use nalgebra::Vector3;
+
+    /// Numbers without a pattern, the same in every run.
+    pub(crate) struct Numbers(pub(crate) u64);
+
+    impl Numbers {
+        /// From −1 to 1.
+        pub(crate) fn next(&mut self) -> f64 {
+            self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            (self.0 >> 11) as f64 / (1_u64 << 52) as f64 - 1.0
+        }
+
+        pub(crate) fn point(&mut self, half: f64, m: usize) -> Vec<f64> {
+            (0..m).map(|_| half * self.next()).collect()
+        }
+    }
+
+    fn matern(dimension: usize) -> Kernel {
+        Kernel::SobolevMatern { dimension, order: dimension.div_ceil(2) + 1 }
+    }
+
+    fn function(
+        kernel: Kernel,
+        length_scale: &LengthScale,
+        centers: &Centers,
+        solver: Solver,
+    ) -> LearnedFunction<3> {
+        LearnedFunction::zero((kernel, length_scale), centers, 0.0, &solver).unwrap()
+    }
+
+    fn block_of(points: usize) -> Solver {
+        Solver::Local(LocalSolver { block: Some(points), ..LocalSolver::default() })
+    }
+
+    fn lattice(per_axis: &[usize]) -> Centers {
+        let m = per_axis.len();
+        Centers::lattice(vec![-2.0; m], vec![2.0; m], per_axis).unwrap()
+    }
+
+    /// Anywhere in the box, but not too close to each other.
+    fn scattered(n: usize, m: usize, least_distance: f64) -> Centers {
+        let mut numbers = Numbers(77);
+        let mut points: Vec<Vec<f64>> = Vec::new();
+        while points.len() < n {
+            let point = numbers.point(2.0, m);
+            let distance =
+                |other: &Vec<f64>| other.iter().zip(&point).map(|(a, b)| (a - b).powi(2)).sum::<f64>().sqrt();
+            if points.iter().all(|other| distance(other) > least_distance) {
+                points.push(point);
+            }
+        }
+        Centers::listed(points).unwrap()
+    }
+
+    /// Where the outputs of a history come from: anywhere, along a path, or around one place.
+    fn output(kind: usize, j: usize, m: usize, numbers: &mut Numbers) -> Vec<f64> {
+        match kind {
+            0 => numbers.point(2.0, m),
+            1 => (0..m).map(|axis| 1.95 * (0.011 * (j * (axis + 2)) as f64 + axis as f64).sin()).collect(),
+            _ => (0..m).map(|axis| 0.7 - 0.5 * axis as f64 + 0.3 * numbers.next()).collect(),
+        }
+    }
+
+    fn predicted_error(function: &LearnedFunction<3>) -> f64 {
+        match function.solver() {
+            SolverInUse::Dense => 0.0,
+            SolverInUse::Local { predicted_error, .. } | SolverInUse::Neighbours { predicted_error, .. } => {
+                predicted_error
+            }
+        }
+    }
+
+    /// The one promise of the solver: no evaluation is farther from the dense solver's than it says, after histories
+    /// of all kinds, where updates were made and elsewhere, inside of the centers' box and outside.
+    #[test]
+    fn no_evaluation_is_farther_from_the_dense_one_than_its_estimate() {
+        errors_stay_below_their_estimates(9, 1);
+    }
+
+    /// `cargo test --release -p observer --lib many_histories -- --ignored --nocapture`: some ten minutes.
+    #[test]
+    #[ignore = "ten minutes"]
+    fn no_evaluation_after_many_histories_is_farther_from_the_dense_one_than_its_estimate() {
+        errors_stay_below_their_estimates(400, 2);
+    }
+
+    fn errors_stay_below_their_estimates(n_histories: usize, seed: u64) {
+        let wendland = |n: usize, support: f64| LengthScale::Isotropic(support * 4.0 / (n - 1) as f64);
+        let one = LengthScale::Isotropic(1.0);
+        let cases = [
+            (Kernel::WendlandC2, wendland(9, 4.0), lattice(&[9; 3]), 4, 2e-2),
+            (Kernel::WendlandC2, wendland(9, 4.0), lattice(&[9; 3]), 6, 5e-3),
+            (Kernel::WendlandC2, wendland(9, 6.0), lattice(&[9; 3]), 6, 3e-3),
+            (Kernel::WendlandC4, wendland(9, 4.0), lattice(&[9; 3]), 6, 2e-2),
+            (matern(3), one.clone(), lattice(&[8; 3]), 4, 4e-3),
+            (matern(3), one.clone(), lattice(&[8; 3]), 6, 6e-4),
+            (matern(3), LengthScale::PerAxis(vec![0.7, 1.0, 1.5]), lattice(&[11, 3, 8]), 4, 8e-3),
+            (matern(2), one.clone(), lattice(&[20, 14]), 4, 2e-2),
+            (Kernel::WendlandC2, wendland(20, 4.0), lattice(&[20; 2]), 6, 5e-3),
+            (matern(1), LengthScale::Isotropic(0.3), lattice(&[60]), 4, 2e-2),
+            (Kernel::WendlandC2, wendland(60, 5.0), lattice(&[60]), 6, 2e-3),
+            (matern(3), one.clone(), scattered(600, 3, 0.25), 4, 2e-2),
+            (Kernel::WendlandC2, LengthScale::Isotropic(2.0), scattered(600, 3, 0.25), 4, 5e-2),
+            (matern(2), one.clone(), scattered(300, 2, 0.12), 6, 2e-2),
+            (matern(1), LengthScale::Isotropic(0.3), scattered(60, 1, 0.02), 8, 2e-2),
+        ];
+        let mut numbers = Numbers(seed);
+        for (kernel, length_scale, centers, points, largest_rms) in cases {
+            let m = centers.dimension();
+            let mut dense = function(kernel, &length_scale, &centers, Solver::Dense);
+            let mut local = function(kernel, &length_scale, &centers, block_of(points));
+            let what = format!("{kernel:?}, {} centers, {:?}", centers.n_centers(), local.solver());
+            let (mut tightness, mut errors, mut values) = (Vec::new(), 0.0, 0.0);
+            for history in 0..n_histories {
+                let n_updates = [1, 8, 60, 300][history % 4];
+                for j in 0..n_updates {
+                    let y = output(history % 3, j, m, &mut numbers);
+                    let increment = Vector3::from_fn(|axis, _| if axis < m { numbers.next() } else { 0.0 });
+                    dense.hold(&y);
+                    local.hold(&y);
+                    local.held();
+                    dense.learn(&increment);
+                    local.learn(&increment);
+                }
+                for j in 0..120 {
+                    // Along the history, around it, and a little beyond the lattice.
+                    let near = output(history % 3, j * 5 % n_updates.max(2), m, &mut numbers);
+                    let point = match j % 3 {
+                        0 => near,
+                        1 => near.iter().map(|y| y + 0.2 * numbers.next()).collect(),
+                        _ => numbers.point(2.5, m),
+                    };
+                    let exact = dense.at(&point, &Vector3::zeros());
+                    let found = local.at(&point, &Vector3::zeros());
+                    let error = (found.value - exact.value).norm();
+                    let case = format!("{what}, history {history}, at {point:?}");
+                    assert!(error <= found.error, "{case}: {error:.2e} > {:.2e}", found.error);
+                    assert!(found.squared_features <= exact.squared_features + 1e-9, "{case}");
+                    if error > 1e-9 {
+                        tightness.push(found.error / error);
+                    }
+                    if j % 3 < 2 {
+                        errors += error * error;
+                        values += exact.value.norm_squared();
+                    }
+                }
+                let norms = (dense.native_norm(), local.native_norm());
+                assert!((norms.1 / norms.0 - 1.0).abs() < 0.05, "{what}: {norms:?}");
+                dense.forget();
+                local.forget();
+            }
+            tightness.sort_by(f64::total_cmp);
+            let rms = (errors / values).sqrt();
+            let predicted = predicted_error(&local);
+            println!(
+                "{what}: RMS error {rms:.1e} of f̂, estimate over error: least {:.1}, median {:.0}",
+                tightness.first().copied().unwrap_or(f64::NAN),
+                tightness.get(tightness.len() / 2).copied().unwrap_or(f64::NAN)
+            );
+            assert!(rms < largest_rms, "{what}: {rms:.1e}");
+            // Of random updates everywhere; these histories are of other kinds too.
+            assert!(rms < 5.0 * predicted && rms > 0.1 * predicted, "{what}: {rms:.1e}");
+        }
+    }
+
+    fn learn_something(f: &mut LearnedFunction<3>, m: usize, n_updates: usize, seed: u64) {
+        let mut numbers = Numbers(seed);
+        for j in 0..n_updates {
+            let y = output(1, j, m, &mut numbers);
+            f.hold(&y);
+            f.held();
+            f.learn(&Vector3::from_fn(|axis, _| if axis < m { numbers.next() } else { 0.0 }));
+        }
+    }
+
+    fn one_of_each_kind() -> Vec<(usize, LearnedFunction<3>)> {
+        let scale = LengthScale::Isotropic(1.0);
+        let truncated =
+            Solver::Local(LocalSolver { block: Some(4), truncation: 1e-2, ..LocalSolver::default() });
+        vec![
+            (3, function(matern(3), &scale, &lattice(&[5; 3]), Solver::Dense)),
+            (3, function(matern(3), &scale, &lattice(&[7, 8, 9]), block_of(4))),
+            (3, function(Kernel::WendlandC2, &scale, &lattice(&[9, 8, 7]), block_of(4))),
+            (3, function(matern(3), &LengthScale::Isotropic(0.3), &lattice(&[9; 3]), truncated)),
+            (2, function(matern(2), &scale, &lattice(&[12, 9]), block_of(4))),
+            (1, function(matern(1), &scale, &lattice(&[30]), block_of(6))),
+            (3, function(matern(3), &scale, &scattered(200, 3, 0.2), block_of(4))),
+            (2, function(Kernel::WendlandC2, &scale, &scattered(100, 2, 0.1), block_of(4))),
+        ]
+    }
+
+    #[test]
+    fn a_pending_increment_counts_as_a_learned_one() {
+        for (m, mut f) in one_of_each_kind() {
+            let kind = f.solver();
+            learn_something(&mut f, m, 50, 3);
+            f.hold(&vec![0.4; m]);
+            let held = f.held();
+            let pending = Vector3::from_fn(|axis, _| if axis < m { 0.3 - 0.2 * axis as f64 } else { 0.0 });
+            let points = [vec![0.4; m], vec![0.5; m], vec![-0.1; m], vec![1.9; m]];
+            let before: Vec<_> = points.iter().map(|point| f.at(point, &pending).value).collect();
+            f.learn(&pending);
+            // A truncated kernel is pending as a whole.
+            let tolerance = if format!("{kind:?}").contains("block: [4, 4, 4]") { 1e-3 } else { 1e-10 };
+            for (point, before) in points.iter().zip(&before) {
+                let after = f.at(point, &Vector3::zeros()).value;
+                assert!((after - before).norm() < tolerance, "{kind:?} at {point:?}: {after} {before}");
+            }
+            // And at the held output it is φᵀφ in.
+            assert!((before[0] - held.value - held.squared_features * pending).norm() < 1e-9, "{kind:?}");
+        }
+    }
+
+    #[test]
+    fn what_was_good_comes_back_to_the_bit_and_what_is_forgotten_is_gone() {
+        for (m, mut f) in one_of_each_kind() {
+            let bits = |f: &mut LearnedFunction<3>| {
+                let mut numbers = Numbers(9);
+                let at: Vec<_> =
+                    (0..50).map(|_| f.at(&numbers.point(2.0, m), &Vector3::zeros()).value).collect();
+                format!("{at:?} {}", f.native_norm())
+            };
+            let nothing = bits(&mut f);
+            learn_something(&mut f, m, 40, 4);
+            f.keep_good_copy();
+            let good = bits(&mut f);
+            learn_something(&mut f, m, 40, 5);
+            assert_ne!(bits(&mut f), good);
+            f.restore_good_copy();
+            assert_eq!(bits(&mut f), good);
+            // Once more, from a copy of which only a part is new.
+            learn_something(&mut f, m, 2, 6);
+            f.keep_good_copy();
+            let better = bits(&mut f);
+            learn_something(&mut f, m, 30, 7);
+            f.restore_good_copy();
+            assert_eq!(bits(&mut f), better);
+            f.forget();
+            assert_eq!(bits(&mut f), nothing);
+            f.restore_good_copy();
+            assert_eq!(bits(&mut f), better, "a mistake can be taken back");
+        }
     }
 }

@@ -77,6 +77,7 @@ mod packed_factor;
 mod position;
 mod reference_law;
 mod rigid_body;
+mod scattered_function;
 mod solver;
 pub mod stability;
 mod timeline;
