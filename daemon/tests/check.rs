@@ -120,6 +120,25 @@ fn every_preset_is_reported_for_people_and_for_machines() {
 }
 
 /// The report is made, and then the same sentence and exit code as those of `daemon run`.
+/// A million centers start at once, in the memory that the report states.
+#[test]
+fn a_million_centers_are_reported_with_their_solver_and_memory() {
+    let translation = channel("million-centers", "translation");
+    assert_eq!(translation["n_centers"], 1_000_000);
+    assert_eq!(translation["solver"], "local");
+    assert_eq!(translation["solver_block"], serde_json::json!([6, 6, 6]));
+    let predicted = translation["solver_predicted_error"].as_f64().unwrap();
+    assert!(predicted > 1e-4 && predicted < 5e-3, "{predicted}");
+    // β and its good copy: 10⁴ rows of 104 numbers, three outputs.
+    let nodal_values = 2 * 8 * 3 * 10_000 * 104;
+    let memory_bytes = translation["memory_bytes"].as_u64().unwrap();
+    assert!((nodal_values..nodal_values + 100_000).contains(&memory_bytes), "{memory_bytes}");
+    assert!(translation["step_ns"].as_u64().unwrap() > 0);
+    let dense = channel("paper-translation", "translation");
+    assert_eq!(dense["solver"], "dense");
+    assert!(dense["solver_block"].is_null() && dense["solver_block_reason"].is_string());
+}
+
 #[test]
 fn an_unstable_design_is_reported_and_refused() {
     let text = include_str!("../presets/paper-translation.toml");

@@ -131,7 +131,12 @@ fn a_linear_plant_of_wrong_shape_is_refused_by_its_key() {
         &["line 10", "linear.c", "singular values"],
     );
     assert_refused(&good.replace("[13]", "[400000000]"), &["linear.centers_lower", "at most"]);
-    assert_refused(&good.replace("[13]", "[30000]"), &["linear.centers_lower", "7 GB", "at most 20000"]);
+    let dense = good.replace("[13]", "[30000]") + "solver = \"dense\"\n";
+    assert_refused(&dense, &["linear.centers_lower", "7 GB", "at most 20000"]);
+    assert_refused(
+        &good.replace("[13]", "[30000]"),
+        &["linear.centers_lower", "neighbours", "positive definite"],
+    );
     assert_refused(&good.replace("200.0", "0.0"), &["line 4", "rate_hz"]);
     assert_refused(&good.replace("[13]", "[13, 2]"), &["linear.centers_lower"]);
     assert_refused(&good.replace("\"velocity\"", "\"velocity\", \"x\""), &["3 state_names for 2 states"]);
@@ -149,6 +154,40 @@ fn kernels_of_every_kind_are_taken_and_unknown_ones_refused() {
     assert_refused(&(GOOD.to_owned() + "kernel = \"sobolev-matern-1\"\n"), &["line 14", "from 2 to"]);
     let scales = GOOD.replace("length_scale_m_s = 1.0", "length_scale_m_s = [1.0, 2.0]");
     assert_refused(&scales, &["length_scale_m_s", "one for each of the 3 axes"]);
+}
+
+#[test]
+fn solvers_are_taken_by_name_or_with_options() {
+    let with = |solver: &str| GOOD.to_owned() + solver + "\n";
+    let local = "solver = { kind = \"local\", block = 4, accuracy = 1e-3, truncation = 1e-4 }";
+    for solver in ["solver = \"auto\"", "solver = \"dense\"", "solver = \"local\"", local] {
+        let file = ConfigFile::parse("vehicle.toml".into(), with(solver)).unwrap();
+        file.estimator().unwrap();
+        // What `daemon config` prints means the same.
+        let again = ConfigFile::parse("again".into(), file.commented_toml()).unwrap();
+        assert_eq!(again.config, file.config, "{}", file.commented_toml());
+    }
+    assert_refused(&with("solver = \"fast\""), &["line 14", "\"local\""]);
+    assert_refused(
+        &with("solver = { kind = \"local\", block = 5 }"),
+        &["line 14", "even number from 4 to 12"],
+    );
+    assert_refused(&with("solver = { kind = \"local\", truncation = 2.0 }"), &["line 14", "truncation at 2"]);
+    assert_refused(&with("solver = { kind = \"local\", blocks = 4 }"), &["line 14"]);
+}
+
+/// Dense where that is cheap, local where it is not; both say so.
+#[test]
+fn the_automatic_solver_goes_by_the_number_of_centers() {
+    let solver = |per_axis: usize| {
+        let counts = format!("centers_per_axis = [{per_axis}, {per_axis}, {per_axis}]");
+        let text = GOOD.replace("centers_per_axis = [3, 3, 3]", &counts);
+        let file = ConfigFile::parse("vehicle.toml".into(), text).unwrap();
+        let estimator = file.estimator().unwrap();
+        estimator.rigid_body.unwrap().translation().unwrap().solver().to_string()
+    };
+    assert_eq!(solver(3), "dense, exact");
+    assert!(solver(11).contains("local, from a block of"), "{}", solver(11));
 }
 
 #[test]

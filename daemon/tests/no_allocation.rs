@@ -12,8 +12,13 @@ use shared_types::clock::monotonic_ns;
 
 #[test]
 fn a_tick_allocates_only_in_its_slack() {
+    // Both solvers.
+    ["rigid-body", "million-centers"].into_iter().for_each(ticks_of_a_service_allocate_nothing);
+}
+
+fn ticks_of_a_service_allocate_nothing(preset: &str) {
     let domain = TestDomain::new();
-    let file = ConfigFile::preset("rigid-body").unwrap();
+    let file = ConfigFile::preset(preset).unwrap();
     let (records, _records) = rtrb::RingBuffer::new(100_000);
     let (_commands, commands) = rtrb::RingBuffer::new(8);
     let rings = LoopRings { records, commands };

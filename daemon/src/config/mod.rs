@@ -23,13 +23,14 @@ pub use linear::{LinearConfig, SquareMatrix};
 const HOLD_PERIODS: f64 = 1.5;
 
 /// The built-in configurations: name, text.
-pub const PRESETS: [(&str, &str); 6] = [
+pub const PRESETS: [(&str, &str); 7] = [
     ("rigid-body", include_str!("../../presets/rigid-body.toml")),
     ("paper-translation", include_str!("../../presets/paper-translation.toml")),
     ("paper-rotation", include_str!("../../presets/paper-rotation.toml")),
     ("acsl-x8", include_str!("../../presets/acsl-x8.toml")),
     ("auv", include_str!("../../presets/auv.toml")),
     ("linear", include_str!("../../presets/linear.toml")),
+    ("million-centers", include_str!("../../presets/million-centers.toml")),
 ];
 
 /// Why a configuration was refused.
