@@ -321,7 +321,7 @@ impl Cycle {
 }
 
 /// Moves a deadline to the next one of its grid that is not over, and counts those that are.
-fn skip_missed(deadline_ns: &mut u64, now_ns: u64, period_ns: u64) -> u64 {
+pub fn skip_missed(deadline_ns: &mut u64, now_ns: u64, period_ns: u64) -> u64 {
     *deadline_ns += period_ns;
     let missed = match now_ns.checked_sub(*deadline_ns) {
         Some(late_ns) if late_ns > 0 => late_ns / period_ns + 1,
@@ -331,8 +331,8 @@ fn skip_missed(deadline_ns: &mut u64, now_ns: u64, period_ns: u64) -> u64 {
     missed
 }
 
-/// Sleeps to shortly before the deadline and polls the clock for the rest.
-fn wait_for_deadline(deadline_ns: u64, spin_ns: u64) -> WakeUp {
+/// Sleeps to `spin_ns` before the deadline and polls the clock for the rest.
+pub fn wait_for_deadline(deadline_ns: u64, spin_ns: u64) -> WakeUp {
     let sleep_end_ns = deadline_ns.saturating_sub(spin_ns);
     loop {
         let now_ns = monotonic_ns();
