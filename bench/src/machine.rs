@@ -1,6 +1,8 @@
 //! The machine a measurement ran on, and the core it was pinned to: what its figures depend on.
 
-use rustix::thread::{CpuSet, sched_getcpu, sched_setaffinity};
+use anyhow::Context;
+use daemon::realtime;
+use rustix::thread::sched_getcpu;
 use serde::Serialize;
 use shared_types::outln;
 use std::time::Instant;
@@ -14,6 +16,9 @@ pub(crate) struct Machine {
     /// The vector unit that steps run on.
     vector_instructions: &'static str,
     pinned_core: Option<usize>,
+    /// The cores that were left to other threads and processes of the measurement.
+    #[serde(skip)]
+    other_cores: Vec<usize>,
     #[serde(skip_serializing_if = "Option::is_none")]
     pinned_core_reason: Option<String>,
     /// Median of two readings of the clock with nothing in between; contained in every sample.
@@ -25,10 +30,12 @@ impl Machine {
     pub(crate) fn found() -> Self {
         // Before pinning, which would leave one.
         let cores = std::thread::available_parallelism().map_or(1, usize::from);
+        let mut other_cores = realtime::allowed_cores();
         let (pinned_core, pinned_core_reason) = match pin() {
             Ok(core) => (Some(core), None),
             Err(reason) => (None, Some(reason)),
         };
+        other_cores.retain(|core| Some(*core) != pinned_core);
         let mut clock_ns: Vec<_> = (0..10_000).map(|_| Instant::now().elapsed().as_nanos() as u64).collect();
         clock_ns.sort_unstable();
         Self {
@@ -37,9 +44,26 @@ impl Machine {
             profile: if cfg!(debug_assertions) { "debug" } else { "release" },
             vector_instructions: observer::vector_unit(),
             pinned_core,
+            other_cores,
             pinned_core_reason,
             clock_ns: clock_ns[clock_ns.len() / 2 - 1],
         }
+    }
+
+    /// A core for the process or thread on the other side: neither ours nor the first one, which serves most
+    /// interrupts, if there is a choice.
+    pub(crate) fn other_core(&self) -> anyhow::Result<usize> {
+        self.other_cores.last().copied().with_context(|| {
+            format!(
+                "two sides that poll need a core each, and this process may use {} (taskset -p)",
+                self.cores
+            )
+        })
+    }
+
+    /// Every core that this process may use.
+    pub(crate) fn all_cores(&self) -> Vec<usize> {
+        self.pinned_core.iter().chain(&self.other_cores).copied().collect()
     }
 
     /// One line above a table.
@@ -61,12 +85,7 @@ impl Machine {
 
 fn pin() -> Result<usize, String> {
     let core = sched_getcpu();
-    if core >= CpuSet::MAX_CPU {
-        return Err(format!("core {core} is beyond what a CPU set holds"));
-    }
-    let mut set = CpuSet::new();
-    set.set(core);
-    sched_setaffinity(None, &set).map_err(|error| format!("sched_setaffinity to core {core}: {error}"))?;
+    realtime::stay_on_cores(&[core]).map_err(|refused| refused.to_string())?;
     Ok(core)
 }
 

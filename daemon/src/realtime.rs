@@ -62,7 +62,8 @@ pub fn stay_on_cores(cores: &[usize]) -> Result<(), Refused> {
 /// # Errors
 /// `Refused` without the right to it, or for a priority out of range.
 pub fn use_fifo(priority: u8) -> Result<(), Refused> {
-    const REMEDY: &str = "needed: root, CAP_SYS_NICE, or a limit (ulimit -r, LimitRTPRIO= of systemd) of that";
+    const REMEDY: &str =
+        "needed: root, CAP_SYS_NICE, or a limit (ulimit -r, LimitRTPRIO= of systemd) of that";
     let found = match priority.try_into() {
         Ok(value) => set_thread_priority_and_policy(
             thread_native_id(),
@@ -100,7 +101,8 @@ pub fn use_punctual_timers() -> Result<(), Refused> {
 /// `Refused` without the right to it.
 pub fn lock_memory() -> Result<(), Refused> {
     const ASKED: &str = "lock all memory";
-    const REMEDY: &str = "needed: root, CAP_IPC_LOCK, or ulimit -l unlimited (LimitMEMLOCK=infinity of systemd)";
+    const REMEDY: &str =
+        "needed: root, CAP_IPC_LOCK, or ulimit -l unlimited (LimitMEMLOCK=infinity of systemd)";
     let privileged = capabilities(None).is_ok_and(|sets| sets.effective.contains(CapabilitySet::IPC_LOCK));
     if let Some(limit) = getrlimit(Resource::Memlock).current.filter(|_| !privileged) {
         return Err(refused(ASKED, format!("the limit is {} kB", limit / 1024), REMEDY));
