@@ -7,6 +7,7 @@
 //! | service | `Client` publishes a [`Measurement`], a `daemon run` that polls takes, judges and steps it, and publishes an [`Estimate`] that `Client` polls for |
 //! | bare | the same two payloads through iceoryx2's ports alone, another process echoing them |
 //!
+//! Both sides of both ways copy the payloads out of shared memory, as anyone does who uses them.
 //! Whoever is not measured is stopped (SIGSTOP): it does not compete for the core of the other.
 
 use crate::exchange::{Exchange, MovingVehicle, Reply, ServiceExchange, Trip, connect, round_trip};
@@ -25,6 +26,7 @@ use shared_types::payload::{Estimate, Measurement};
 use shared_types::service::{self, Node, ServiceError, Services, Topic};
 use shared_types::{Client, Domain, LatencySummary, logln, outln};
 use std::ffi::OsString;
+use std::hint::black_box;
 use std::path::Path;
 use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
@@ -232,7 +234,8 @@ impl Exchange for BareExchange {
     }
 
     fn poll(&mut self) -> anyhow::Result<Option<Reply>> {
-        Ok(self.estimates.receive().map_err(bare_error)?.map(|estimate| Reply::from(&*estimate)))
+        let sample = self.estimates.receive().map_err(bare_error)?;
+        Ok(sample.map(|sample| Reply::from(&black_box(*sample))))
     }
 }
 
@@ -275,6 +278,7 @@ pub fn echo(arguments: &[OsString]) -> anyhow::Result<()> {
     };
     while !stop.load(Ordering::Relaxed) {
         let Some(sample) = samples.receive().map_err(bare_error)? else { continue };
+        let sample = black_box(*sample);
         let stamp_ns = monotonic_ns();
         let loan = estimates.loan_uninit().map_err(bare_error)?;
         let estimate = Estimate {

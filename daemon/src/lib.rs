@@ -119,6 +119,8 @@ impl Service {
             })?);
         let stop = Arc::clone(&service.stop_loop);
         service.loop_thread = Some(spawn_with("loop", domain, instance, LoopPorts::make, move |ports| {
+            // Where it is refused, waits end up to 50 µs later, as they would have anyway.
+            let _ = realtime::use_punctual_timers();
             Cycle::new(&config, observer, ports, loop_rings).run(&config, &stop);
         })?);
         Ok(service)
