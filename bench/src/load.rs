@@ -194,7 +194,7 @@ fn with_instances(
         ticks,
         deadline_misses: of_all(&|used| used.status.deadline_misses).iter().sum(),
         step_ns: worst(|status| status.step_ns),
-        source_to_publish_ns: worst(|status| status.source_to_publish_ns),
+        wake_up_lateness_ns: worst(|status| status.wake_up_lateness_ns),
         service_cpu_ns_per_tick: service_ns / ticks.max(1),
         service_cpu_share: service_ns as f64 * 1e-9 / elapsed_s / n_instances as f64,
         publisher_cpu_share: publisher_ns as f64 * 1e-9 / elapsed_s / n_instances as f64,
@@ -313,8 +313,8 @@ struct InstancesRow {
     deadline_misses: u64,
     /// Of the instance with the largest median.
     step_ns: LatencySummary,
-    /// Of the instance with the largest median.
-    source_to_publish_ns: LatencySummary,
+    /// Deadline to wake-up, of the instance with the largest median.
+    wake_up_lateness_ns: LatencySummary,
     service_cpu_ns_per_tick: u64,
     /// Of one core, per instance.
     service_cpu_share: f64,
@@ -355,14 +355,14 @@ impl Report<'_> {
         outln!("\nvehicles, each a service and a publisher, at {} Hz with a timer", self.rate_hz);
         let row = |row: &InstancesRow| {
             let [step_p50, step_p99] = median_and_p99(row.step_ns);
-            let [publish_p50, publish_p99] = median_and_p99(row.source_to_publish_ns);
+            let [late_p50, late_p99] = median_and_p99(row.wake_up_lateness_ns);
             let percent = |share: f64| three_digits(100.0 * share);
             vec![
                 row.instances.to_string(),
                 step_p50,
                 step_p99,
-                publish_p50,
-                publish_p99,
+                late_p50,
+                late_p99,
                 format!("{}/{}", row.deadline_misses, row.ticks),
                 microseconds(row.service_cpu_ns_per_tick),
                 percent(row.service_cpu_share),
@@ -376,7 +376,7 @@ impl Report<'_> {
             "vehicles",
             "step p50 (µs)",
             "p99",
-            "stamp to publication p50 (µs)",
+            "late by p50 (µs)",
             "p99",
             "missed/ticks",
             "CPU per tick (µs)",
@@ -387,7 +387,7 @@ impl Report<'_> {
             "shared memory, all (MB)",
         ];
         outln!("{}", table(&header, 0, self.instances.iter().map(row)));
-        outln!("Steps and publications are those of the slowest instance; processor time and RSS are means.");
+        outln!("Steps and lateness are those of the slowest instance; processor time and RSS are means.");
     }
 }
 

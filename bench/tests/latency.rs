@@ -171,6 +171,7 @@ fn readers_and_vehicles_are_counted_and_nothing_stays_even_after_ctrl_c() {
     for (n, row) in [1, 2].iter().zip(found["instances"].as_array().unwrap()) {
         assert_eq!(row["instances"], *n);
         assert!(assert_quantiles(row, "step_ns") > Some(0));
+        assert!(assert_quantiles(row, "wake_up_lateness_ns") > Some(0));
         for key in ["ticks", "service_cpu_ns_per_tick", "service_rss_bytes", "shm_bytes"] {
             assert!(row[key].as_u64() > Some(0), "{key}: {row}");
         }

@@ -1,5 +1,7 @@
 //! The tick: wake up, take every queued sample, step to its stamp, propagate, publish; then the slack.
 //!
+//! (Triggered by samples, a tick takes just the one that woke it.)
+//!
 //! [`Cycle::serve`] is all that happens between wake-up and publication: no allocation, no system call, no
 //! lock, no log line. (A reader or source that connects in the very sleep before is mapped in it, once.)
 //! [`Cycle::rest`] does what can wait until after publication. [`Cycle::run`] keeps the deadlines: absolute,
@@ -184,7 +186,10 @@ impl Cycle {
         let wake_ns = wake_up.wake_ns;
         let mut status = 0;
         let mut new_sample = false;
-        for _ in 0..MOST_SAMPLES_PER_TICK {
+        // Whoever polls serves each sample on its own: the look that finds the queue empty comes after
+        // publication, and every sample has its estimate.
+        let most_samples = if self.taken.is_some() { 1 } else { MOST_SAMPLES_PER_TICK };
+        for _ in 0..most_samples {
             let Some((measurement, source)) = self.taken.take().or_else(|| self.ports.take()) else { break };
             match self.gate.judge(&measurement, source, wake_ns) {
                 Ok(Accepted { sample, linear, lost, new_source, new_time }) => {
