@@ -1,6 +1,5 @@
-//! The tick: wake up, take every queued sample, step to its stamp, propagate, publish; then the slack.
-//!
-//! (Triggered by samples, a tick takes just the one that woke it.)
+//! The tick: wake up, take every queued sample (triggered by samples: the one that woke us), step to its
+//! stamp, propagate, publish; then the slack.
 //!
 //! [`Cycle::serve`] is all that happens between wake-up and publication: no allocation, no system call, no
 //! lock, no log line. (A reader or source that connects in the very sleep before is mapped in it, once.)
