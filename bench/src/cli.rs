@@ -1,6 +1,6 @@
 //! The command line of `bench`.
 
-use crate::{demo, paper, replay, step};
+use crate::{demo, ipc, jitter, load, paper, replay, service, step};
 use clap::{Parser, Subcommand};
 use daemon::config::ConfigError;
 use rustix::process::{Signal, set_parent_process_death_signal};
@@ -30,6 +30,22 @@ enum Task {
     /// Latency of a whole step as the number of kernel centers grows.
     #[command(after_help = "Example: bench step --centers 27,125,343 --plot step.png")]
     Step(step::StepArguments),
+    /// A round trip through the service beside one through bare shared memory, and both one-way times.
+    #[command(
+        after_help = "Examples:\n  bench ipc\n  bench ipc --pause-us 0 --preset paper-translation --json"
+    )]
+    Ipc(ipc::IpcArguments),
+    /// A sample's stamp to the estimate in the reader's hands, by trigger and rate.
+    #[command(
+        after_help = "Examples:\n  bench service\n  bench service --rates-hz 500 --triggers sample --plot service.svg"
+    )]
+    Service(service::ServiceArguments),
+    /// How late the service's cycle wakes up, beside cyclictest at the same rate and priority.
+    #[command(after_help = "Examples:\n  bench jitter\n  bench jitter --rates-hz 1000 --seconds 60")]
+    Jitter(jitter::JitterArguments),
+    /// What further readers of one service, and further vehicles on one machine, cost.
+    #[command(after_help = "Examples:\n  bench load\n  bench load --instances 1,2 --readers 1,16 --json")]
+    Load(load::LoadArguments),
     /// The paper's examples, run exactly and deterministically: a table, the figures, and the errors; every number of
     /// the paper is an option.
     #[command(
@@ -44,17 +60,18 @@ enum Task {
 /// Runs `bench` with these arguments, the program's name first.
 ///
 /// With `daemon` or `sim_publisher` as the first argument it is that program: so `bench demo` has both sides
-/// as processes of their own, whatever else is installed. Such a process ends with the one that started it.
+/// as processes of their own, whatever else is installed. With `echo` it is the other side of `bench ipc`. Such a process ends with the one that started it.
 pub fn main_with_args(args: impl IntoIterator<Item = OsString>) -> ExitCode {
     let args: Vec<OsString> = args.into_iter().collect();
     let role = args.get(1).and_then(|role| role.to_str());
-    if matches!(role, Some("daemon" | "sim_publisher")) {
+    if matches!(role, Some("daemon" | "sim_publisher" | "echo")) {
         // Best effort: without it, a killed demo leaves two processes behind that the next one does not see.
         let _ = set_parent_process_death_signal(Some(Signal::TERM));
     }
     match role {
         Some("daemon") => return daemon::cli::main_with_args(args.into_iter().skip(1)),
         Some("sim_publisher") => return sim_publisher::main_with_args(args.into_iter().skip(1)),
+        Some("echo") => return finish(ipc::echo(&args[2..])),
         _ => {}
     }
     let arguments = match Arguments::try_parse_from(args) {
@@ -64,12 +81,19 @@ pub fn main_with_args(args: impl IntoIterator<Item = OsString>) -> ExitCode {
             return ExitCode::from(error.exit_code() as u8);
         }
     };
-    let done = match &arguments.command {
+    finish(match &arguments.command {
         Task::Demo(arguments) => demo::run(arguments),
         Task::Step(arguments) => step::run(arguments),
+        Task::Ipc(arguments) => ipc::run(arguments),
+        Task::Service(arguments) => service::run(arguments),
+        Task::Jitter(arguments) => jitter::run(arguments),
+        Task::Load(arguments) => load::run(arguments),
         Task::Paper(arguments) => paper::run(arguments),
         Task::Replay(arguments) => replay::run(arguments),
-    };
+    })
+}
+
+fn finish(done: anyhow::Result<()>) -> ExitCode {
     match done {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {

@@ -6,14 +6,30 @@
 //! | [`demo`] | `bench demo` | the whole job: service and simulated vehicle as two processes |
 //! | [`paper`] | `bench paper` | the paper's two examples: table, figures, errors |
 //! | [`step`] | `bench step` | latency of a step as the number of centers grows |
+//! | [`ipc`] | `bench ipc` | a round trip through the service, beside one through bare shared memory |
+//! | [`service`] | `bench service` | a sample's stamp to its estimate, by trigger and rate |
+//! | [`jitter`] | `bench jitter` | how late the service's cycle wakes up, beside cyclictest |
+//! | [`load`] | `bench load` | what further readers and further vehicles cost |
 //! | [`replay`] | `bench replay` | accuracy on a recorded flight, beside a Kalman filter |
 //! | [`kalman`] | | that filter |
 //! | [`plot`] | | figures |
+//! | `latency` | | quantiles and histograms |
+//! | `exchange` | | the vehicle's side of a measured exchange of samples and estimates |
+//! | `processes` | | the programs as processes in a domain of their own |
+//! | `machine` | | what machine the figures are of |
 
 pub mod cli;
 pub mod demo;
+mod exchange;
+pub mod ipc;
+pub mod jitter;
 pub mod kalman;
+mod latency;
+pub mod load;
+mod machine;
 pub mod paper;
 pub mod plot;
+mod processes;
 pub mod replay;
+pub mod service;
 pub mod step;

@@ -1,4 +1,5 @@
-//! The tick: wake up, take every queued sample, step to its stamp, propagate, publish; then the slack.
+//! The tick: wake up, take every queued sample (triggered by samples: the one that woke us), step to its
+//! stamp, propagate, publish; then the slack.
 //!
 //! [`Cycle::serve`] is all that happens between wake-up and publication: no allocation, no system call, no
 //! lock, no log line. (A reader or source that connects in the very sleep before is mapped in it, once.)
@@ -11,11 +12,13 @@ use crate::gate::{Accepted, Gate};
 use crate::ports::LoopPorts;
 use observer::ChannelReport;
 use shared_types::clock::{monotonic_ns, sleep_until_ns};
-use shared_types::payload::{Channel, Estimate, status_bits};
+use shared_types::payload::{Channel, Estimate, Measurement, status_bits};
 use std::sync::atomic::{AtomicBool, Ordering};
 
 /// One tick takes at most this many samples: a flood cannot hold the loop.
 const MOST_SAMPLES_PER_TICK: usize = 256;
+/// Whoever polls for samples reads the clock only now and then: an empty look takes less than 0.1 µs.
+const LOOKS_BETWEEN_CLOCKS: usize = 16;
 /// A good copy of state and weights is kept this often (s).
 const GOOD_COPY_EVERY_S: f64 = 0.5;
 
@@ -93,6 +96,8 @@ pub struct LoopRings {
 /// The loop's state.
 pub struct Cycle {
     ports: LoopPorts,
+    /// A sample that the wait has taken already.
+    taken: Option<(Measurement, u128)>,
     observer: Estimator,
     gate: Gate,
     rings: LoopRings,
@@ -120,6 +125,7 @@ impl Cycle {
     pub fn new(config: &Config, observer: Estimator, ports: LoopPorts, rings: LoopRings) -> Self {
         Self {
             ports,
+            taken: None,
             observer,
             gate: Gate::new(config.input, config.clock == Clock::Monotonic),
             rings,
@@ -158,16 +164,19 @@ impl Cycle {
         }
     }
 
-    fn wait_for_sample(&self, deadline_ns: u64, stop: &AtomicBool) -> WakeUp {
+    /// Polls for a sample, which is then in our hands already, until the deadline.
+    fn wait_for_sample(&mut self, deadline_ns: u64, stop: &AtomicBool) -> WakeUp {
         loop {
+            for _ in 0..LOOKS_BETWEEN_CLOCKS {
+                self.taken = self.ports.take();
+                if self.taken.is_some() {
+                    return WakeUp { wake_ns: monotonic_ns(), deadline_ns: None };
+                }
+            }
             let now_ns = monotonic_ns();
             if now_ns >= deadline_ns || stop.load(Ordering::Relaxed) {
                 return WakeUp { wake_ns: now_ns, deadline_ns: Some(deadline_ns) };
             }
-            if self.ports.has_measurement() {
-                return WakeUp { wake_ns: now_ns, deadline_ns: None };
-            }
-            std::hint::spin_loop();
         }
     }
 
@@ -176,8 +185,11 @@ impl Cycle {
         let wake_ns = wake_up.wake_ns;
         let mut status = 0;
         let mut new_sample = false;
-        for _ in 0..MOST_SAMPLES_PER_TICK {
-            let Some((measurement, source)) = self.ports.take() else { break };
+        // Whoever polls serves each sample on its own: the look that finds the queue empty comes after
+        // publication, and every sample has its estimate.
+        let most_samples = if self.taken.is_some() { 1 } else { MOST_SAMPLES_PER_TICK };
+        for _ in 0..most_samples {
+            let Some((measurement, source)) = self.taken.take().or_else(|| self.ports.take()) else { break };
             match self.gate.judge(&measurement, source, wake_ns) {
                 Ok(Accepted { sample, linear, lost, new_source, new_time }) => {
                     if new_time {
@@ -321,7 +333,7 @@ impl Cycle {
 }
 
 /// Moves a deadline to the next one of its grid that is not over, and counts those that are.
-fn skip_missed(deadline_ns: &mut u64, now_ns: u64, period_ns: u64) -> u64 {
+pub fn skip_missed(deadline_ns: &mut u64, now_ns: u64, period_ns: u64) -> u64 {
     *deadline_ns += period_ns;
     let missed = match now_ns.checked_sub(*deadline_ns) {
         Some(late_ns) if late_ns > 0 => late_ns / period_ns + 1,
@@ -331,8 +343,8 @@ fn skip_missed(deadline_ns: &mut u64, now_ns: u64, period_ns: u64) -> u64 {
     missed
 }
 
-/// Sleeps to shortly before the deadline and polls the clock for the rest.
-fn wait_for_deadline(deadline_ns: u64, spin_ns: u64) -> WakeUp {
+/// Sleeps to `spin_ns` before the deadline and polls the clock for the rest.
+pub fn wait_for_deadline(deadline_ns: u64, spin_ns: u64) -> WakeUp {
     let sleep_end_ns = deadline_ns.saturating_sub(spin_ns);
     loop {
         let now_ns = monotonic_ns();

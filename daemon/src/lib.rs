@@ -14,6 +14,7 @@
 //! | [`gate`] | which samples are believed |
 //! | [`cycle`] | the tick |
 //! | [`ports`] | the iceoryx2 ports of the service |
+//! | [`realtime`] | what a thread asks of the system so that it is on time |
 //! | [`attendant`] | status, commands, log |
 //! | [`cli`] | the command line |
 
@@ -25,6 +26,7 @@ pub mod cycle;
 pub mod estimator;
 pub mod gate;
 pub mod ports;
+pub mod realtime;
 
 /// Writes a line to the log, stderr. Whether anyone reads it is not the service's concern.
 macro_rules! say {
@@ -118,6 +120,8 @@ impl Service {
             })?);
         let stop = Arc::clone(&service.stop_loop);
         service.loop_thread = Some(spawn_with("loop", domain, instance, LoopPorts::make, move |ports| {
+            // Where it is refused, waits end up to 50 µs later, as they would have anyway.
+            let _ = realtime::use_punctual_timers();
             Cycle::new(&config, observer, ports, loop_rings).run(&config, &stop);
         })?);
         Ok(service)

@@ -77,11 +77,6 @@ impl LoopPorts {
         Some((*sample, sample.header().publisher_id().value()))
     }
 
-    /// Whether a measurement waits.
-    pub fn has_measurement(&self) -> bool {
-        self.measurement.has_samples().unwrap_or(false)
-    }
-
     /// Writes the estimate to its readers.
     pub fn publish(&mut self, estimate: &Estimate) {
         let sent = self.loan.take().is_some_and(|loan| loan.write_payload(*estimate).send().is_ok());

@@ -4,23 +4,20 @@
 //! other reader. The comparison without adaptation runs the same library on the same samples afterwards.
 
 mod errors;
-mod processes;
 mod report;
 
 use crate::plot;
+use crate::processes::{Child, OwnDomain, stop_flag};
 use anyhow::{Context, ensure};
 use clap::Args;
 use daemon::config::ConfigFile;
 use errors::{Errors, Run, error_at};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
-use processes::{Child, OwnDomain};
 use shared_types::payload::{Estimate, Status, command, status_bits};
 use shared_types::{Client, Measurement, Truth};
 use shared_types::{logln, outln};
-use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 use sim_publisher::Scenario;
 use std::path::PathBuf;
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
@@ -81,10 +78,7 @@ pub fn run(arguments: &DemoArguments) -> anyhow::Result<()> {
     std::fs::create_dir_all(&arguments.out)
         .with_context(|| format!("cannot make the output directory {}", arguments.out.display()))?;
 
-    let stop = Arc::new(AtomicBool::new(false));
-    for signal in [SIGINT, SIGTERM, SIGHUP] {
-        signal_hook::flag::register(signal, Arc::clone(&stop)).context("register signal handler")?;
-    }
+    let stop = stop_flag()?;
     let recording = record(arguments, preset, &config, &stop)?;
     let unseen = recording.status.samples_accepted.saturating_sub(recording.measurements.len() as u64);
     if unseen > 0 {
@@ -131,7 +125,7 @@ fn record(
     config: &ConfigFile,
     stop: &AtomicBool,
 ) -> anyhow::Result<Recording> {
-    let domain = OwnDomain::new()?;
+    let domain = OwnDomain::new("demo")?;
     let rate_hz = config.config.rate_hz.to_string();
     let daemon = Child::start(&domain, &["daemon", "run", "--preset", preset, "--rate-hz", &rate_hz])?;
     let client = Client::connect(domain.domain(), "vehicle", PATIENCE)

@@ -1,0 +1,137 @@
+//! The vehicle's side of a measured exchange: a sample goes out, the estimate that holds it comes back.
+
+use anyhow::bail;
+use shared_types::client::{MeasurementPublisher, Stream};
+use shared_types::clock::monotonic_ns;
+use shared_types::payload::Estimate;
+use shared_types::{Client, Measurement};
+
+/// Samples of a vehicle that accelerates all the time, so that there is something to learn at every step.
+#[derive(Debug, Default)]
+pub(crate) struct MovingVehicle {
+    sequence: u64,
+}
+
+impl MovingVehicle {
+    /// The next sample, stamped now.
+    pub(crate) fn sample(&mut self) -> Measurement {
+        let sequence = self.sequence;
+        self.sequence += 1;
+        let now_ns = monotonic_ns();
+        // Outputs that swing within a few seconds; the phase only tells the axes apart.
+        let swing = |phase: f64| (3.0 * (now_ns as f64 * 1e-9 + phase)).sin();
+        let vector = |scale: f64| [scale * swing(0.0), scale * swing(1.0), scale * swing(2.0)];
+        let sample = Measurement::at(0, sequence)
+            .with_velocity_m_s(vector(1.5))
+            .with_angular_velocity_rad_s(vector(0.8))
+            .with_force_n([0.0, 0.0, -19.6])
+            .with_torque_n_m([0.0; 3]);
+        Measurement { stamp_ns: monotonic_ns(), ..sample }
+    }
+}
+
+/// What an estimate's stamps say about the way it took.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Reply {
+    /// Sequence of the sample that it holds.
+    pub(crate) source_sequence: u64,
+    /// When the other side had the sample in its hands (ns).
+    pub(crate) taken_stamp_ns: u64,
+    /// When the other side sent the estimate (ns).
+    pub(crate) publish_stamp_ns: u64,
+}
+
+impl From<&Estimate> for Reply {
+    fn from(estimate: &Estimate) -> Self {
+        Self {
+            source_sequence: estimate.source_sequence,
+            taken_stamp_ns: estimate.stamp_ns,
+            publish_stamp_ns: estimate.publish_stamp_ns,
+        }
+    }
+}
+
+/// A way for samples out and for estimates back.
+pub(crate) trait Exchange {
+    /// Sends a sample.
+    fn send(&mut self, sample: &Measurement) -> anyhow::Result<()>;
+    /// The oldest reply not yet taken.
+    fn poll(&mut self) -> anyhow::Result<Option<Reply>>;
+}
+
+/// Through the service, with its own client.
+pub(crate) struct ServiceExchange {
+    samples: MeasurementPublisher,
+    estimates: Stream<Estimate>,
+}
+
+impl ServiceExchange {
+    pub(crate) fn of(client: &Client) -> anyhow::Result<Self> {
+        Ok(Self { samples: client.measurement_publisher()?, estimates: client.estimate_subscriber()? })
+    }
+}
+
+impl Exchange for ServiceExchange {
+    fn send(&mut self, sample: &Measurement) -> anyhow::Result<()> {
+        self.samples.publish(sample)?;
+        Ok(())
+    }
+
+    fn poll(&mut self) -> anyhow::Result<Option<Reply>> {
+        Ok(self.estimates.take()?.map(|estimate| Reply::from(&estimate)))
+    }
+}
+
+/// One sample's way: from its stamp into the other side's hands, there, and back.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Trip {
+    pub(crate) there_ns: u64,
+    pub(crate) inside_ns: u64,
+    pub(crate) back_ns: u64,
+    pub(crate) whole_ns: u64,
+}
+
+/// A look costs some 100 ns, so the clock of the deadline is read every few microseconds.
+const LOOKS_BETWEEN_CLOCKS: usize = 64;
+
+/// Sends the vehicle's next sample and polls for the estimate that holds it; `None` where none came in time.
+pub(crate) fn round_trip(
+    exchange: &mut impl Exchange,
+    vehicle: &mut MovingVehicle,
+    patience_ns: u64,
+) -> anyhow::Result<Option<Trip>> {
+    let sample = vehicle.sample();
+    exchange.send(&sample)?;
+    loop {
+        for _ in 0..LOOKS_BETWEEN_CLOCKS {
+            let Some(reply) = exchange.poll()? else { continue };
+            // A tick between two samples repeats the older one's sequence.
+            if reply.source_sequence < sample.sequence || reply.taken_stamp_ns < sample.stamp_ns {
+                continue;
+            }
+            let received_ns = monotonic_ns();
+            return Ok(Some(Trip {
+                there_ns: reply.taken_stamp_ns - sample.stamp_ns,
+                inside_ns: reply.publish_stamp_ns.saturating_sub(reply.taken_stamp_ns),
+                back_ns: received_ns.saturating_sub(reply.publish_stamp_ns),
+                whole_ns: received_ns - sample.stamp_ns,
+            }));
+        }
+        if monotonic_ns() - sample.stamp_ns > patience_ns {
+            return Ok(None);
+        }
+    }
+}
+
+/// Exchanges until the other side answers: it may have to connect first.
+pub(crate) fn connect(exchange: &mut impl Exchange, vehicle: &mut MovingVehicle) -> anyhow::Result<()> {
+    const TRIES: usize = 100;
+    for _ in 0..TRIES {
+        if round_trip(exchange, vehicle, 50_000_000)?.is_some() {
+            return Ok(());
+        }
+    }
+    bail!(
+        "no estimate holds the samples that were sent: does the preset use velocities or angular velocities?"
+    )
+}

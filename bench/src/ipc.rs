@@ -1,0 +1,394 @@
+//! `bench ipc`: what the service adds to bare shared memory.
+//!
+//! Two ways take turns in small batches of one run, between the same two cores, so that drift hits both:
+//!
+//! | way | what a round trip is |
+//! |---|---|
+//! | service | `Client` publishes a [`Measurement`], a `daemon run` that polls takes, judges and steps it, and publishes an [`Estimate`] that `Client` polls for |
+//! | bare | the same two payloads through iceoryx2's ports alone, another process echoing them |
+//!
+//! Both sides of both ways copy the payloads out of shared memory, as anyone does who uses them.
+//! Whoever is not measured is stopped (SIGSTOP): it does not compete for the core of the other.
+
+use crate::exchange::{Exchange, MovingVehicle, Reply, ServiceExchange, Trip, connect, round_trip};
+use crate::latency::{HEADER, cells, summary, table, three_digits};
+use crate::machine::Machine;
+use crate::processes::{Child, OwnDomain, ServiceSettings, stop_flag};
+use anyhow::{Context, anyhow, bail};
+use daemon::config::PRESETS;
+use iceoryx2::port::publisher::Publisher;
+use iceoryx2::port::subscriber::Subscriber;
+use iceoryx2::prelude::ipc;
+use indicatif::{ProgressBar, ProgressStyle};
+use serde::Serialize;
+use shared_types::clock::monotonic_ns;
+use shared_types::payload::{Estimate, Measurement};
+use shared_types::service::{self, Node, ServiceError, Services, Topic};
+use shared_types::{Client, Domain, LatencySummary, logln, outln};
+use std::ffi::OsString;
+use std::hint::black_box;
+use std::path::Path;
+use std::sync::atomic::Ordering;
+use std::time::{Duration, Instant};
+
+const PATIENCE: Duration = Duration::from_secs(10);
+const TRIP_PATIENCE_NS: u64 = 1_000_000_000;
+/// Instance of the services between the two bare sides.
+const BARE: &str = "bare";
+
+/// Round trips through the service and through bare shared memory.
+#[derive(Debug, Clone, clap::Args)]
+pub struct IpcArguments {
+    /// Round trips of each way.
+    #[arg(long, value_name = "COUNT", default_value_t = 100_000, value_parser = clap::value_parser!(u32).range(1..=10_000_000))]
+    samples: u32,
+    /// Round trips before the other way has its turn.
+    #[arg(long, value_name = "COUNT", default_value_t = 500, value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
+    batch: u32,
+    /// Pause between two round trips; 0 is back to back.
+    #[arg(long, value_name = "US", default_value_t = 0)]
+    pause_us: u32,
+    /// Configuration of the service.
+    #[arg(long, value_name = "NAME", default_value = PRESETS[0].0, value_parser = PRESETS.map(|(name, _)| name))]
+    preset: String,
+    /// A few seconds: 5000 round trips of each way.
+    #[arg(long, conflicts_with = "samples")]
+    quick: bool,
+    /// Print one JSON document instead of the table.
+    #[arg(long)]
+    json: bool,
+}
+
+/// Runs `bench ipc`. Pins the calling thread to its core and the other side to another one.
+///
+/// # Errors
+/// Fewer than two cores, a process that does not start or answer, shared memory that cannot be used.
+pub fn run(arguments: &IpcArguments) -> anyhow::Result<()> {
+    if cfg!(debug_assertions) {
+        logln!("warning: this is a debug build, its latencies mean nothing; use cargo run --release");
+    }
+    let stop = stop_flag()?;
+    let machine = Machine::found();
+    let report = match machine.other_core() {
+        Ok(core) => {
+            let n_samples = if arguments.quick { 5000 } else { arguments.samples as usize };
+            let (service, bare) = measure(arguments, n_samples, core, &|| stop.load(Ordering::Relaxed))?;
+            Report::of(&machine, arguments, Ok((core, service, bare)))
+        }
+        Err(error) => Report::of(&machine, arguments, Err(error)),
+    };
+    match arguments.json {
+        true => outln!("{}", serde_json::to_string_pretty(&report)?),
+        false => report.print(),
+    }
+    Ok(())
+}
+
+/// Times of one way (ns).
+#[derive(Debug, Default)]
+struct Times {
+    there: Vec<u64>,
+    inside: Vec<u64>,
+    back: Vec<u64>,
+    whole: Vec<u64>,
+}
+
+impl Times {
+    /// Reserved and touched, so that no page is mapped while the clock runs.
+    fn reserved(n_samples: usize) -> Self {
+        let reserved = || {
+            let mut samples_ns = vec![1; n_samples];
+            samples_ns.clear();
+            samples_ns
+        };
+        Self { there: reserved(), inside: reserved(), back: reserved(), whole: reserved() }
+    }
+
+    fn note(&mut self, trip: Trip) {
+        self.there.push(trip.there_ns);
+        self.inside.push(trip.inside_ns);
+        self.back.push(trip.back_ns);
+        self.whole.push(trip.whole_ns);
+    }
+}
+
+/// One way with its other side.
+struct Contestant<E> {
+    exchange: E,
+    other_side: Child,
+    vehicle: MovingVehicle,
+    times: Times,
+}
+
+/// Round trips at the head of each batch that are not timed: they bring back what the other way pushed out
+/// of the caches, and wake the other side up.
+const UNTIMED_TRIPS: usize = 20;
+
+impl<E: Exchange> Contestant<E> {
+    fn new(exchange: E, other_side: Child, n_samples: usize) -> anyhow::Result<Self> {
+        let times = Times::reserved(n_samples);
+        let mut contestant = Self { exchange, other_side, vehicle: MovingVehicle::default(), times };
+        connect(&mut contestant.exchange, &mut contestant.vehicle)
+            .or_else(|error| Err(error).with_context(|| contestant.other_side.log()))?;
+        contestant.other_side.pause()?;
+        Ok(contestant)
+    }
+
+    fn batch(&mut self, n_trips: usize, pause: Duration) -> anyhow::Result<()> {
+        self.other_side.go_on()?;
+        for i in 0..UNTIMED_TRIPS + n_trips {
+            let paused = Instant::now();
+            while paused.elapsed() < pause {
+                std::hint::spin_loop();
+            }
+            let trip = round_trip(&mut self.exchange, &mut self.vehicle, TRIP_PATIENCE_NS)?;
+            let trip = trip.with_context(|| format!("no answer within 1 s; {}", self.other_side.log()))?;
+            if i >= UNTIMED_TRIPS {
+                self.times.note(trip);
+            }
+        }
+        self.other_side.pause()
+    }
+
+    fn finish(self) -> anyhow::Result<Times> {
+        drop(self.exchange);
+        self.other_side.go_on()?;
+        self.other_side.terminate();
+        self.other_side.finish()?;
+        Ok(self.times)
+    }
+}
+
+fn measure(
+    arguments: &IpcArguments,
+    n_samples: usize,
+    core: usize,
+    stopped: &dyn Fn() -> bool,
+) -> anyhow::Result<(Times, Times)> {
+    let domain = OwnDomain::new("ipc")?;
+    let settings =
+        ServiceSettings { preset: &arguments.preset, trigger: "sample", rate_hz: 200.0, spin_us: 0.0 };
+    let service = Child::start_service(&domain, "vehicle", &settings, &[core])?;
+    let client = Client::connect(domain.domain(), "vehicle", PATIENCE)
+        .or_else(|error| Err(error).with_context(|| service.log()))?;
+    let mut service = Contestant::new(ServiceExchange::of(&client)?, service, n_samples)?;
+    let echo = Child::start_on(&domain, &["echo"], &[core])?;
+    let bare = BareExchange::open(domain.domain(), PATIENCE)
+        .or_else(|error| Err(error).with_context(|| echo.log()))?;
+    let mut bare = Contestant::new(bare, echo, n_samples)?;
+
+    let style = ProgressStyle::with_template("{bar:40} {elapsed} of about {duration}");
+    let progress =
+        ProgressBar::new(n_samples as u64).with_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()));
+    let pause = Duration::from_micros(arguments.pause_us.into());
+    while service.times.whole.len() < n_samples && !stopped() {
+        let n_trips = (arguments.batch as usize).min(n_samples - service.times.whole.len());
+        service.batch(n_trips, pause)?;
+        bare.batch(n_trips, pause)?;
+        progress.inc(n_trips as u64);
+    }
+    progress.finish_and_clear();
+    if stopped() {
+        logln!("bench: stopped; the figures are those of the part that ran");
+    }
+    let times = (service.finish()?, bare.finish()?);
+    drop(client);
+    Ok(times)
+}
+
+/// iceoryx2's ports and nothing else.
+struct BareExchange {
+    samples: Publisher<ipc::Service, Measurement, ()>,
+    estimates: Subscriber<ipc::Service, Estimate, ()>,
+    _node: Node,
+}
+
+impl BareExchange {
+    fn open(domain: &Domain, patience: Duration) -> anyhow::Result<Self> {
+        let node = {
+            let _making = domain.lock_for_making()?;
+            service::node(domain, "bare")?
+        };
+        let services = Services::of(&node, BARE)?;
+        let start = Instant::now();
+        let estimates = loop {
+            match services.open_estimate() {
+                Err(ServiceError::Missing(_)) if start.elapsed() < patience => {
+                    std::thread::sleep(Duration::from_millis(10));
+                }
+                found => break found?,
+            }
+        };
+        let samples = services.open_measurement()?;
+        let _making = domain.lock_for_making()?;
+        let (samples, estimates) = (publisher(&samples)?, subscriber(&estimates)?);
+        Ok(Self { samples, estimates, _node: node })
+    }
+}
+
+impl Exchange for BareExchange {
+    fn send(&mut self, sample: &Measurement) -> anyhow::Result<()> {
+        let loan = self.samples.loan_uninit().map_err(bare_error)?;
+        loan.write_payload(*sample).send().map_err(bare_error)?;
+        Ok(())
+    }
+
+    fn poll(&mut self) -> anyhow::Result<Option<Reply>> {
+        let sample = self.estimates.receive().map_err(bare_error)?;
+        Ok(sample.map(|sample| Reply::from(&black_box(*sample))))
+    }
+}
+
+fn bare_error(error: impl std::fmt::Debug) -> anyhow::Error {
+    anyhow!("bare iceoryx2: {error:?}")
+}
+
+fn publisher<T: iceoryx2::prelude::ZeroCopySend + std::fmt::Debug>(
+    topic: &Topic<T>,
+) -> anyhow::Result<Publisher<ipc::Service, T, ()>> {
+    topic.publisher_builder().create().map_err(bare_error)
+}
+
+fn subscriber<T: iceoryx2::prelude::ZeroCopySend + std::fmt::Debug>(
+    topic: &Topic<T>,
+) -> anyhow::Result<Subscriber<ipc::Service, T, ()>> {
+    topic.subscriber_builder().create().map_err(bare_error)
+}
+
+/// The other side of the bare way, a process of its own: `bench echo --root PATH`. It answers every sample
+/// with an estimate, polling, until it is told to end.
+///
+/// # Errors
+/// Other arguments; shared memory that cannot be used.
+pub fn echo(arguments: &[OsString]) -> anyhow::Result<()> {
+    let [option, root] = arguments else { bail!("needed: echo --root PATH") };
+    if option != "--root" {
+        bail!("needed: echo --root PATH");
+    }
+    let stop = stop_flag()?;
+    let domain = Domain::at(Path::new(root))?;
+    let node = {
+        let _making = domain.lock_for_making()?;
+        service::node(&domain, "echo")?
+    };
+    let (samples, estimates) = {
+        let _making = domain.lock_for_making()?;
+        let services = Services::of(&node, BARE)?;
+        (subscriber(&services.make_measurement()?)?, publisher(&services.make_estimate()?)?)
+    };
+    while !stop.load(Ordering::Relaxed) {
+        let Some(sample) = samples.receive().map_err(bare_error)? else { continue };
+        let sample = black_box(*sample);
+        let stamp_ns = monotonic_ns();
+        let loan = estimates.loan_uninit().map_err(bare_error)?;
+        let estimate = Estimate {
+            sequence: sample.sequence,
+            source_sequence: sample.sequence,
+            source_stamp_ns: sample.stamp_ns,
+            stamp_ns,
+            publish_stamp_ns: monotonic_ns(),
+            ..Estimate::default()
+        };
+        loan.write_payload(estimate).send().map_err(bare_error)?;
+    }
+    Ok(())
+}
+
+/// The document of `--json`.
+#[derive(Debug, Serialize)]
+struct Report<'a> {
+    machine: &'a Machine,
+    other_core: Option<usize>,
+    preset: &'a str,
+    pause_us: u32,
+    service_over_bare_median: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    service_over_bare_median_reason: Option<String>,
+    service_ns: Option<LatencySummary>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    service_ns_reason: Option<String>,
+    bare_ns: Option<LatencySummary>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    bare_ns_reason: Option<String>,
+    service_one_way: OneWay,
+    bare_one_way: OneWay,
+}
+
+/// The parts of a round trip; null where the round trip is.
+#[derive(Debug, Default, Serialize)]
+struct OneWay {
+    there_ns: Option<LatencySummary>,
+    inside_ns: Option<LatencySummary>,
+    back_ns: Option<LatencySummary>,
+}
+
+impl OneWay {
+    fn of(times: &mut Times) -> Self {
+        Self {
+            there_ns: summary(&mut times.there),
+            inside_ns: summary(&mut times.inside),
+            back_ns: summary(&mut times.back),
+        }
+    }
+}
+
+impl<'a> Report<'a> {
+    fn of(
+        machine: &'a Machine,
+        arguments: &'a IpcArguments,
+        measured: anyhow::Result<(usize, Times, Times)>,
+    ) -> Self {
+        let (other_core, (mut service, mut bare), reason) = match measured {
+            Ok((core, service, bare)) => {
+                (Some(core), (service, bare), "stopped before the first batch".into())
+            }
+            Err(error) => (None, Default::default(), format!("{error:#}")),
+        };
+        let (service_ns, bare_ns) = (summary(&mut service.whole), summary(&mut bare.whole));
+        let ratio = service_ns.zip(bare_ns).map(|(ours, bare)| ours.p50 as f64 / bare.p50 as f64);
+        let reason_if = |missing: bool| missing.then(|| reason.clone());
+        Self {
+            machine,
+            other_core,
+            preset: &arguments.preset,
+            pause_us: arguments.pause_us,
+            service_over_bare_median: ratio,
+            service_over_bare_median_reason: reason_if(ratio.is_none()),
+            service_ns_reason: reason_if(service_ns.is_none()),
+            bare_ns_reason: reason_if(bare_ns.is_none()),
+            service_ns,
+            bare_ns,
+            service_one_way: OneWay::of(&mut service),
+            bare_one_way: OneWay::of(&mut bare),
+        }
+    }
+
+    fn print(&self) {
+        self.machine.print();
+        let pause = match self.pause_us {
+            0 => "back to back".into(),
+            pause_us => format!("{pause_us} µs apart"),
+        };
+        let Some(core) = self.other_core else {
+            outln!("not measured: {}", self.service_ns_reason.as_deref().unwrap_or("unknown reason"));
+            return;
+        };
+        outln!("the other side on core {core}; service with preset {}; samples {pause}", self.preset);
+        let row = |name: &str, summary| [vec![name.to_owned()], cells(summary).to_vec()].concat();
+        let (service, bare) = (&self.service_one_way, &self.bare_one_way);
+        let rows = [
+            row("service: round trip", self.service_ns),
+            row("  sample's stamp until the service has it", service.there_ns),
+            row("  judged, stepped, until just before publication", service.inside_ns),
+            row("  publication until the client has it", service.back_ns),
+            row("bare: round trip", self.bare_ns),
+            row("  sample's stamp until the echo has it", bare.there_ns),
+            row("  until just before publication", bare.inside_ns),
+            row("  publication until the client has it", bare.back_ns),
+        ];
+        outln!("{}", table(&[["µs"].as_slice(), &HEADER].concat(), 1, rows));
+        if let Some(ratio) = self.service_over_bare_median {
+            outln!("median of the service's round trip over the bare one: {}", three_digits(ratio));
+        }
+    }
+}

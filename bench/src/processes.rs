@@ -1,0 +1,180 @@
+//! Processes of a measurement and their domain: both are gone when it ends, however it ends.
+
+use anyhow::{Context, bail};
+use daemon::config::PRESETS;
+use daemon::realtime;
+use rustix::process::{Pid, Signal, WaitOptions, kill_process, waitpid};
+use shared_types::Domain;
+use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
+use std::fs::File;
+use std::io::{Read, Seek, Write};
+use std::os::unix::process::CommandExt;
+use std::process::{Command, Stdio};
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+use tempfile::NamedTempFile;
+
+/// Set by Ctrl-C and its like, from now on: a measurement ends early, in order.
+pub(crate) fn stop_flag() -> anyhow::Result<Arc<AtomicBool>> {
+    let stop = Arc::new(AtomicBool::new(false));
+    for signal in [SIGINT, SIGTERM, SIGHUP] {
+        signal_hook::flag::register(signal, Arc::clone(&stop)).context("register signal handler")?;
+    }
+    Ok(stop)
+}
+
+/// A domain that is removed at the end.
+pub(crate) struct OwnDomain {
+    domain: Domain,
+    _root: tempfile::TempDir,
+}
+
+impl OwnDomain {
+    /// A domain whose files in /dev/shm begin with `prefix`, of a few letters.
+    pub(crate) fn new(prefix: &str) -> anyhow::Result<Self> {
+        let root = tempfile::Builder::new().prefix(prefix).tempdir_in("/dev/shm");
+        let root = root.context("make a directory in /dev/shm")?;
+        Ok(Self { domain: Domain::at(root.path())?, _root: root })
+    }
+
+    pub(crate) fn domain(&self) -> &Domain {
+        &self.domain
+    }
+}
+
+impl Drop for OwnDomain {
+    fn drop(&mut self) {
+        // Whatever is left after this is the temporary directory's to remove.
+        let _ = self.domain.remove();
+    }
+}
+
+/// One of this program's roles as a process of its own; terminated with this value.
+pub(crate) struct Child {
+    name: String,
+    process: std::process::Child,
+    output: File,
+    log: File,
+    _config: Option<NamedTempFile>,
+}
+
+/// What a measurement sets of a service's configuration.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct ServiceSettings<'a> {
+    pub(crate) preset: &'a str,
+    pub(crate) trigger: &'a str,
+    pub(crate) rate_hz: f64,
+    pub(crate) spin_us: f64,
+}
+
+impl Child {
+    /// Starts the service of `instance`, on these cores.
+    pub(crate) fn start_service(
+        domain: &OwnDomain,
+        instance: &str,
+        settings: &ServiceSettings<'_>,
+        cores: &[usize],
+    ) -> anyhow::Result<Self> {
+        let ServiceSettings { preset, trigger, rate_hz, spin_us } = *settings;
+        let (_, text) = *PRESETS.iter().find(|(name, _)| *name == preset).context("an unknown preset")?;
+        let mut config = NamedTempFile::new().context("make the configuration's file")?;
+        write!(config, "trigger = \"{trigger}\"\nspin_us = {spin_us:?}\n{text}")?;
+        let path = config.path().to_str().context("the configuration's path is no text")?.to_owned();
+        let rate_hz = rate_hz.to_string();
+        let arguments = ["daemon", "run", "--instance", instance, "--rate-hz", &rate_hz, "--config", &path];
+        let mut child = Self::start_on(domain, &arguments, cores)?;
+        child._config = Some(config);
+        Ok(child)
+    }
+
+    /// As [`Child::start`], on these cores from its first instruction on.
+    pub(crate) fn start_on(domain: &OwnDomain, arguments: &[&str], cores: &[usize]) -> anyhow::Result<Self> {
+        // A process inherits the cores of the thread that starts it.
+        let ours = realtime::allowed_cores();
+        realtime::stay_on_cores(cores)?;
+        let child = Self::start(domain, arguments);
+        realtime::stay_on_cores(&ours)?;
+        child
+    }
+
+    /// Starts `bench ROLE …` in that domain.
+    pub(crate) fn start(domain: &OwnDomain, arguments: &[&str]) -> anyhow::Result<Self> {
+        let name = arguments[0].to_owned();
+        let program = std::env::current_exe().context("find this program's file")?;
+        let (output, log) = (tempfile::tempfile()?, tempfile::tempfile()?);
+        let process = Command::new(program)
+            .args(arguments)
+            .arg("--root")
+            .arg(domain.domain().root())
+            .stdin(Stdio::null())
+            .stdout(output.try_clone()?)
+            .stderr(log.try_clone()?)
+            // A group of its own: Ctrl-C reaches the demo alone, which then ends its processes in order.
+            .process_group(0)
+            .spawn()
+            .with_context(|| format!("start {name}"))?;
+        Ok(Self { name, process, output, log, _config: None })
+    }
+
+    pub(crate) fn has_ended(&mut self) -> anyhow::Result<bool> {
+        Ok(self.process.try_wait()?.is_some())
+    }
+
+    /// Its process id.
+    pub(crate) fn pid(&self) -> u32 {
+        self.process.id()
+    }
+
+    /// Stops all of its threads where they are, and returns once they stand still: it costs no core then.
+    pub(crate) fn pause(&self) -> anyhow::Result<()> {
+        let pid = Pid::from_child(&self.process);
+        kill_process(pid, Signal::STOP).with_context(|| format!("stop {}", self.name))?;
+        match waitpid(Some(pid), WaitOptions::UNTRACED)? {
+            Some((_, status)) if status.stopped() => Ok(()),
+            _ => bail!("{} ended: {}", self.name, self.log()),
+        }
+    }
+
+    /// Lets it go on after [`Child::pause`].
+    pub(crate) fn go_on(&self) -> anyhow::Result<()> {
+        kill_process(Pid::from_child(&self.process), Signal::CONT)
+            .with_context(|| format!("continue {}", self.name))
+    }
+
+    /// Asks it to end, as Ctrl-C does.
+    pub(crate) fn terminate(&self) {
+        // It may have ended already.
+        let _ = kill_process(Pid::from_child(&self.process), Signal::TERM);
+    }
+
+    /// Waits for its end and returns what it printed.
+    pub(crate) fn finish(mut self) -> anyhow::Result<String> {
+        let status = self.process.wait()?;
+        if !status.success() {
+            bail!("{} failed ({status}): {}", self.name, self.log());
+        }
+        read_all(&mut self.output)
+    }
+
+    /// What it logged so far.
+    pub(crate) fn log(&self) -> String {
+        let log = self.log.try_clone().map_err(anyhow::Error::from).and_then(|mut log| read_all(&mut log));
+        format!("{}: {}", self.name, log.unwrap_or_default().trim_end())
+    }
+}
+
+impl Drop for Child {
+    fn drop(&mut self) {
+        if let Ok(None) = self.process.try_wait() {
+            let _ = self.process.kill();
+            let _ = self.process.wait();
+        }
+    }
+}
+
+fn read_all(file: &mut File) -> anyhow::Result<String> {
+    let mut text = String::new();
+    file.rewind()?;
+    file.read_to_string(&mut text)?;
+    Ok(text)
+}

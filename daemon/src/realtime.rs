@@ -1,0 +1,193 @@
+//! What a thread asks of the system so that it is on time: a core, a fixed priority, timers without slack,
+//! memory that stays, a processor that does not doze off.
+//!
+//! Nothing here is needed for a correct estimate, only for a punctual one: each call says what was refused,
+//! why, and what would help, and the caller goes on without it.
+
+use rustix::mm::{MlockAllFlags, mlockall};
+use rustix::process::{Resource, getrlimit};
+use rustix::thread::{
+    CapabilitySet, CpuSet, capabilities, sched_getaffinity, sched_setaffinity, set_current_timer_slack,
+};
+use std::fs::File;
+use std::io::Write;
+use std::num::NonZeroU64;
+use thread_priority::{
+    Error as PriorityError, RealtimeThreadSchedulePolicy, ThreadPriority, ThreadSchedulePolicy,
+    set_thread_priority_and_policy, thread_native_id,
+};
+
+/// A wish that the system did not grant.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("{asked}: {found}; {remedy}")]
+pub struct Refused {
+    /// What was asked for.
+    pub asked: String,
+    /// The system's reason.
+    pub found: String,
+    /// What would help.
+    pub remedy: &'static str,
+}
+
+fn refused(asked: impl Into<String>, found: impl ToString, remedy: &'static str) -> Refused {
+    Refused { asked: asked.into(), found: found.to_string(), remedy }
+}
+
+/// The cores that the calling thread may run on, in ascending order; empty where the system does not say.
+pub fn allowed_cores() -> Vec<usize> {
+    let allowed = sched_getaffinity(None).unwrap_or_default();
+    (0..CpuSet::MAX_CPU).filter(|&core| allowed.is_set(core)).collect()
+}
+
+/// Keeps the calling thread on these cores; threads and processes that it starts inherit that.
+///
+/// # Errors
+/// `Refused` where no such core exists or the process may not use it.
+pub fn stay_on_cores(cores: &[usize]) -> Result<(), Refused> {
+    const REMEDY: &str = "see the cores of this process with taskset -p, of the machine with lscpu";
+    let asked = || format!("run on cores {cores:?} only");
+    let mut set = CpuSet::new();
+    for &core in cores {
+        if core >= CpuSet::MAX_CPU {
+            return Err(refused(asked(), format!("core {core} is beyond what a CPU set holds"), REMEDY));
+        }
+        set.set(core);
+    }
+    sched_setaffinity(None, &set).map_err(|error| refused(asked(), error, REMEDY))
+}
+
+/// Gives the calling thread a fixed priority (SCHED_FIFO), 1 to 99: it runs whenever it can, before every
+/// ordinary thread and those of lower priority, until it sleeps.
+///
+/// # Errors
+/// `Refused` without the right to it, or for a priority out of range.
+pub fn use_fifo(priority: u8) -> Result<(), Refused> {
+    const REMEDY: &str =
+        "needed: root, CAP_SYS_NICE, or a limit (ulimit -r, LimitRTPRIO= of systemd) of that";
+    let found = match priority.try_into() {
+        Ok(value) => set_thread_priority_and_policy(
+            thread_native_id(),
+            ThreadPriority::Crossplatform(value),
+            ThreadSchedulePolicy::Realtime(RealtimeThreadSchedulePolicy::Fifo),
+        ),
+        Err(_) => Err(PriorityError::PriorityNotInRange(1..=99)),
+    };
+    found.map_err(|error| {
+        let found = match error {
+            PriorityError::OS(code) => std::io::Error::from_raw_os_error(code).to_string(),
+            PriorityError::PriorityNotInRange(range) => format!("{priority} is not in {range:?}"),
+            other => format!("{other:?}"),
+        };
+        refused(format!("SCHED_FIFO with priority {priority}"), found, REMEDY)
+    })
+}
+
+/// Takes away the 50 µs by which the kernel may delay the calling thread's timers to serve several at once.
+/// A thread with a fixed priority has none anyway; for an ordinary one no right is needed.
+///
+/// # Errors
+/// `Refused` where the kernel knows no timer slack.
+pub fn use_punctual_timers() -> Result<(), Refused> {
+    set_current_timer_slack(NonZeroU64::new(1))
+        .map_err(|error| refused("timers without slack", error, "nothing to do: waits may end 50 µs later"))
+}
+
+/// Keeps all memory of this process, present and future, from being swapped out or mapped only when it is
+/// first touched.
+///
+/// Refused, too, where a limit would let later allocations fail: without the right, the limit must be infinite.
+///
+/// # Errors
+/// `Refused` without the right to it.
+pub fn lock_memory() -> Result<(), Refused> {
+    const ASKED: &str = "lock all memory";
+    const REMEDY: &str =
+        "needed: root, CAP_IPC_LOCK, or ulimit -l unlimited (LimitMEMLOCK=infinity of systemd)";
+    let privileged = capabilities(None).is_ok_and(|sets| sets.effective.contains(CapabilitySet::IPC_LOCK));
+    if let Some(limit) = getrlimit(Resource::Memlock).current.filter(|_| !privileged) {
+        return Err(refused(ASKED, format!("the limit is {} kB", limit / 1024), REMEDY));
+    }
+    mlockall(MlockAllFlags::CURRENT | MlockAllFlags::FUTURE).map_err(|error| refused(ASKED, error, REMEDY))
+}
+
+/// While it lives, no core enters an idle state that takes time to leave.
+#[derive(Debug)]
+pub struct AwakeCores {
+    _request: File,
+}
+
+/// Asks for cores that wake up at once, at the price of power. It holds for the whole machine, as long as
+/// the returned value lives.
+///
+/// # Errors
+/// `Refused` without the right to it, or where the kernel does not offer it.
+pub fn keep_cores_awake() -> Result<AwakeCores, Refused> {
+    const REQUEST: &str = "/dev/cpu_dma_latency";
+    let open = || -> std::io::Result<File> {
+        let mut request = File::options().write(true).open(REQUEST)?;
+        // The longest latency that is accepted (µs), as 32 bits.
+        request.write_all(&0_i32.to_ne_bytes())?;
+        Ok(request)
+    };
+    open().map(|request| AwakeCores { _request: request }).map_err(|error| {
+        refused(
+            format!("cores that wake up at once ({REQUEST})"),
+            error,
+            "needed: write permission on that file, by default root's",
+        )
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_thread_stays_on_its_core() {
+        std::thread::spawn(|| {
+            let cores = allowed_cores();
+            let last = *cores.last().expect("at least one core");
+            stay_on_cores(&[last]).unwrap();
+            assert_eq!(allowed_cores(), [last]);
+            assert_eq!(rustix::thread::sched_getcpu(), last);
+            stay_on_cores(&cores).unwrap();
+            assert_eq!(allowed_cores(), cores);
+        })
+        .join()
+        .unwrap();
+    }
+
+    #[test]
+    fn what_is_refused_says_what_was_found_and_what_would_help() {
+        let beyond = stay_on_cores(&[1_000_000]).unwrap_err().to_string();
+        assert!(beyond.contains("1000000") && beyond.contains("taskset"), "{beyond}");
+        for priority in [0, 100, 255] {
+            let error = use_fifo(priority).unwrap_err();
+            assert!(error.found.contains("1..=99"), "{error}");
+        }
+    }
+
+    #[test]
+    fn timers_lose_their_slack() {
+        std::thread::spawn(|| {
+            use_punctual_timers().unwrap();
+            assert_eq!(rustix::thread::current_timer_slack().unwrap(), 1);
+        })
+        .join()
+        .unwrap();
+    }
+
+    /// Whether it is granted is the machine's affair; then it must be so.
+    #[test]
+    fn a_granted_priority_is_the_thread_s_own() {
+        std::thread::spawn(|| match use_fifo(10) {
+            Ok(()) => {
+                let fifo = ThreadSchedulePolicy::Realtime(RealtimeThreadSchedulePolicy::Fifo);
+                assert_eq!(thread_priority::thread_schedule_policy().unwrap(), fifo);
+            }
+            Err(refused) => assert!(refused.remedy.contains("LimitRTPRIO"), "{refused}"),
+        })
+        .join()
+        .unwrap();
+    }
+}
