@@ -88,7 +88,7 @@ fn every_preset_is_reported_for_people_and_for_machines() {
     for (name, _) in daemon::config::PRESETS {
         let (code, text, log) = check(&["--preset", name]);
         assert_eq!(code, Some(0), "{log}");
-        for part in ["(A, C) observable", "d > d_N (Theorem 2)", "sampled law stable", "length scale ×"] {
+        for part in ["(A, C) observable", "d > d_N (Theorem 2)", "sampled law stable", "solver", "memory"] {
             assert!(text.contains(part), "{part} is missing in: {text}");
         }
         let (code, text, log) = check(&["--preset", name, "--json"]);

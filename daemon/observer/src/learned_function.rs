@@ -307,8 +307,8 @@ pub(crate) mod tests {
                 tightness.get(tightness.len() / 2).copied().unwrap_or(f64::NAN)
             );
             assert!(rms < largest_rms, "{what}: {rms:.1e}");
-            // Of random updates everywhere; these histories are of other kinds too.
-            assert!(rms < 5.0 * predicted && rms > 0.1 * predicted, "{what}: {rms:.1e}");
+            // Of random updates everywhere; these histories are of other kinds too, some of them much smoother.
+            assert!(rms < 5.0 * predicted && rms > 0.03 * predicted, "{what}: {rms:.1e}");
         }
     }
 
