@@ -87,7 +87,9 @@ pub(crate) struct Timeline<P: Plant<M>, const M: usize> {
     held_until_ns: u64,
     last_learning_clamped: bool,
     output_stamp_ns: Option<u64>,
+    /// A ring; only the first `trail_length` places hold points of this coast.
     trail: [Option<GridPoint<P::State, M>>; TRAIL],
+    trail_length: usize,
     trail_end: usize,
     /// The last state that was known to be good.
     good_moment: Option<Moment<P::State>>,
@@ -117,6 +119,7 @@ impl<P: Plant<M>, const M: usize> Timeline<P, M> {
             last_learning_clamped: false,
             output_stamp_ns: None,
             trail: [None; TRAIL],
+            trail_length: 0,
             trail_end: 0,
             good_moment: None,
         }
@@ -159,7 +162,7 @@ impl<P: Plant<M>, const M: usize> Timeline<P, M> {
                 self.law.observe_again(&output_estimate);
             }
         }
-        self.trail = [None; TRAIL];
+        self.clear_trail();
     }
 
     /// The estimate at `to_ns`, not before the newest sample. Changes nothing but the coasting grid.
@@ -230,7 +233,13 @@ impl<P: Plant<M>, const M: usize> Timeline<P, M> {
         let point = GridPoint { index, moment, matched_force };
         self.trail[self.trail_end] = Some(point);
         self.trail_end = (self.trail_end + 1) % TRAIL;
+        self.trail_length = (self.trail_length + 1).min(TRAIL);
         point
+    }
+
+    /// Before every sample: the points themselves, some kilobytes, are not touched.
+    fn clear_trail(&mut self) {
+        (self.trail_length, self.trail_end) = (0, 0);
     }
 
     /// Length of the step from the grid point of this index.
@@ -240,7 +249,8 @@ impl<P: Plant<M>, const M: usize> Timeline<P, M> {
     }
 
     fn newest_grid_point(&self, to_ns: u64) -> Option<GridPoint<P::State, M>> {
-        let before = self.trail.iter().flatten().filter(|point| point.moment.stamp_ns <= to_ns);
+        let trail = self.trail[..self.trail_length].iter().flatten();
+        let before = trail.filter(|point| point.moment.stamp_ns <= to_ns);
         before.max_by_key(|point| point.moment.stamp_ns).copied()
     }
 
@@ -254,7 +264,7 @@ impl<P: Plant<M>, const M: usize> Timeline<P, M> {
     fn put_back(&mut self, moment: Option<Moment<P::State>>) {
         self.committed = moment;
         self.held_until_ns = 0;
-        self.trail = [None; TRAIL];
+        self.clear_trail();
     }
 
     /// Keeps a copy of the committed state and weights. No allocation.
