@@ -58,6 +58,7 @@ mod box_search;
 mod centers;
 mod certificate;
 mod channel;
+mod cholesky;
 mod dead_zone;
 mod design_report;
 mod kernel;
