@@ -114,9 +114,7 @@ mod tests {
     /// Well conditioned, without any structure that blocks could share.
     fn positive_definite(n: usize) -> DMatrix<f64> {
         let noise = |i: usize, j: usize| ((i * 7919 + j * 104_729) % 1009) as f64 / 1009.0;
-        DMatrix::from_fn(n, n, |i, j| {
-            noise(i.min(j), i.max(j)) + if i == j { n as f64 } else { 0.0 }
-        })
+        DMatrix::from_fn(n, n, |i, j| noise(i.min(j), i.max(j)) + if i == j { n as f64 } else { 0.0 })
     }
 
     #[test]

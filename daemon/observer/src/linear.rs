@@ -29,7 +29,7 @@ use crate::linear_algebra::{
 };
 use crate::stability::StepLimit;
 use crate::timeline::{ChannelReport, Moment, Plant, Timeline};
-use crate::{Centers, DeadZone, DesignError, Kernel, LengthScale, NativeSpace, Parameter};
+use crate::{Centers, DeadZone, DesignError, Kernel, LengthScale, NativeSpace, Parameter, ScaledKernel};
 use nalgebra::{Complex, DMatrix, DVector, SMatrix, SVector};
 
 /// The largest n.
@@ -134,8 +134,14 @@ impl LinearDesign {
         }
     }
 
-    /// Checks every shape and range and builds the native space; whether it is stable is another question.
-    pub(crate) fn space(&self) -> Result<NativeSpace, DesignError> {
+    /// The native space of f̂; whether the observer is stable is another question.
+    ///
+    /// # Errors
+    /// As [`LinearObserver::new`], but for what is stable.
+    ///
+    /// # Cost
+    /// As [`NativeSpace::new`].
+    pub fn space(&self) -> Result<NativeSpace, DesignError> {
         self.check()?;
         NativeSpace::new(self.kernel, &self.length_scale, self.centers.clone(), self.nugget)
     }
@@ -252,7 +258,8 @@ impl LinearObserver {
     /// `Plant`, `Gain`, `AdaptationRate`, … where a shape or a number is wrong; `Gain` where the observable part of
     /// A − LC is not Hurwitz; `AdaptationRate` beyond the sampled-data bound; `Centers` as [`NativeSpace::new`].
     pub fn new(design: &LinearDesign) -> Result<Self, DesignError> {
-        let space = design.space()?;
+        design.check()?;
+        let kernel = ScaledKernel::new(design.kernel, &design.length_scale, design.n_outputs())?;
         let part = design.observable_part();
         let slowest = spectral_abscissa(&part.error_dynamics());
         if slowest >= 0.0 {
@@ -272,7 +279,7 @@ impl LinearObserver {
             ));
         }
         let largest_learning = largest_learning_of_every_step(design);
-        let factor = largest_learning / space.value_at_zero();
+        let factor = largest_learning / kernel.value_at_zero();
         if factor <= 1.0 {
             let largest = design.adaptation_rate.clone().symmetric_eigenvalues().max();
             let needed = match factor > 0.0 {
@@ -289,6 +296,7 @@ impl LinearObserver {
                 needed,
             ));
         }
+        let space = design.space()?;
         let certificate = part.lure_pair().ok().map(|pair| {
             Certificate::new(
                 (pair.lambda_min, pair.pl_norm),

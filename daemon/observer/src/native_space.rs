@@ -16,7 +16,7 @@ use crate::centers::weighted_distance;
 use crate::cholesky::{self, largest_eigenvalue, times, transposed_times};
 use crate::kernel::RadialFunction;
 use crate::lanes::{VectorLoop, VectorUnit, multiply_add, whole_lanes};
-use crate::packed_factor::{PackedFactor, Product};
+use crate::packed_factor::{POINTS, PackedFactor, Product, SquaresOfProducts};
 use crate::{Centers, DesignError, Kernel, NativeFunction, Parameter};
 use nalgebra::DMatrix;
 use pulp::Simd;
@@ -171,8 +171,7 @@ impl NativeSpace {
 
     fn not_positive_definite(&self) -> DesignError {
         let (n, gram) = (self.n_centers(), self.gram());
-        let condition =
-            largest_eigenvalue(n, |x| &gram * x) / (n as f64 * f64::EPSILON * self.value_at_zero);
+        let condition = largest_eigenvalue(n, |x| &gram * x) / (n as f64 * f64::EPSILON * self.value_at_zero);
         let pair = match self.centers.closest_pair(&self.kernel.inverse_length_scales) {
             Some((a, b, distance)) => {
                 format!("the closest pair, centers {a} and {b}, is {distance:.3e} length scales apart")
@@ -288,10 +287,20 @@ impl NativeSpace {
     pub fn sup_power_function(&self) -> Supremum {
         let n = self.n_centers();
         let mut buffers = FeatureBuffers::new(self);
+        let mut kernel_vectors = vec![[0.0; POINTS]; self.n_padded()];
+        let mut power_functions = |points: &[Vec<f64>]| -> Vec<f64> {
+            for (p, y) in points.iter().enumerate() {
+                self.unit.run(KernelVector { space: self, y, kernel_vector: &mut buffers.kernel_vector });
+                kernel_vectors.iter_mut().zip(&buffers.kernel_vector).for_each(|(all, &one)| all[p] = one);
+            }
+            let factor = &self.inverse_factor;
+            let squares = self.unit.run(SquaresOfProducts { factor, x: &kernel_vectors });
+            squares[..points.len()].iter().map(|&squares| self.power_function(squares)).collect()
+        };
         let found = self.search(
             |rho| (2.0 * (self.value_at_zero - self.kernel.radial.value(rho))).max(0.0).sqrt(),
             n * n,
-            |y| self.power_function(self.features(y, &mut buffers)),
+            |points| points.chunks(POINTS).flat_map(&mut power_functions).collect(),
         );
         // Nowhere is it more than far from all centers.
         Supremum { upper_bound: found.upper_bound.min(self.value_at_zero.sqrt()), ..found }
@@ -299,11 +308,13 @@ impl NativeSpace {
 
     /// The fill distance `h = sup_y min_j |y − ξ_j|` over the box of the centers, in length scales.
     pub fn fill_distance(&self) -> Supremum {
-        let scales = &self.kernel.inverse_length_scales;
-        let nearest = |y: &[f64]| {
-            self.centers.points().map(|xi| weighted_distance(y, xi, scales)).fold(f64::INFINITY, f64::min)
+        let mut buffers = FeatureBuffers::new(self);
+        let mut nearest = |y: &Vec<f64>| {
+            let squares = &mut buffers.kernel_vector;
+            self.unit.run(SquaredDistances { space: self, y, squares });
+            least(&squares[..self.n_centers()]).sqrt()
         };
-        self.search(|rho| rho, self.n_centers(), nearest)
+        self.search(|rho| rho, self.n_centers(), |points| points.iter().map(&mut nearest).collect())
     }
 
     /// The separation distance `q = ½ min_{i≠j} |ξ_i − ξ_j|`, in length scales; `None` for a single center.
@@ -311,15 +322,20 @@ impl NativeSpace {
         self.centers.closest_pair(&self.kernel.inverse_length_scales).map(|(_, _, distance)| 0.5 * distance)
     }
 
-    fn search(&self, modulus: impl Fn(f64) -> f64, cost: usize, f: impl FnMut(&[f64]) -> f64) -> Supremum {
-        // Half a second or so on a slow core, whatever N is.
+    fn search(
+        &self,
+        modulus: impl Fn(f64) -> f64,
+        cost: usize,
+        values: impl FnMut(&[Vec<f64>]) -> Vec<f64>,
+    ) -> Supremum {
+        // Half a second or so on a slow core up to N = 1000; beyond, of the power function, one second per million N².
         let most_evaluations = (400_000_000 / cost.max(1)).clamp(1000, 100_000);
         supremum_over_box(
             self.bounding_box(),
             &self.kernel.inverse_length_scales,
             modulus,
             most_evaluations,
-            f,
+            values,
         )
     }
 
@@ -399,6 +415,49 @@ impl FeatureBuffers {
     }
 }
 
+/// |y − ξ_j|² of all centers, in length scales; beyond N they mean nothing.
+struct SquaredDistances<'a> {
+    space: &'a NativeSpace,
+    y: &'a [f64],
+    squares: &'a mut [f64],
+}
+
+impl VectorLoop for SquaredDistances<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn call<S: Simd>(self, _: S) {
+        let Self { space, y, squares } = self;
+        squares.fill(0.0);
+        let axes = space.scaled_coordinates.iter().zip(&space.kernel.inverse_length_scales);
+        for ((coordinates, scale), y) in axes.zip(y) {
+            let y = y * scale;
+            for (square, x) in squares.iter_mut().zip(coordinates) {
+                let distance = x - y;
+                *square = multiply_add::<S>(distance, distance, *square);
+            }
+        }
+    }
+}
+
+/// k(y); what is beyond N meets zeros of the factor.
+struct KernelVector<'a> {
+    space: &'a NativeSpace,
+    y: &'a [f64],
+    kernel_vector: &'a mut [f64],
+}
+
+impl VectorLoop for KernelVector<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn call<S: Simd>(self, simd: S) {
+        let Self { space, y, kernel_vector } = self;
+        SquaredDistances { space, y, squares: kernel_vector }.call(simd);
+        space.kernel.radial.replace_squares::<S>(kernel_vector);
+    }
+}
+
 /// k(y), φ = R⁻¹ k(y) and φᵀφ in one go.
 struct Features<'a> {
     space: &'a NativeSpace,
@@ -413,20 +472,20 @@ impl VectorLoop for Features<'_> {
     fn call<S: Simd>(self, simd: S) -> f64 {
         let Self { space, y, buffers } = self;
         let FeatureBuffers { kernel_vector, features } = buffers;
-        kernel_vector.fill(0.0);
-        for ((coordinates, scale), y) in
-            space.scaled_coordinates.iter().zip(&space.kernel.inverse_length_scales).zip(y)
-        {
-            let y = y * scale;
-            for (square, x) in kernel_vector.iter_mut().zip(coordinates) {
-                let distance = x - y;
-                *square = multiply_add::<S>(distance, distance, *square);
-            }
-        }
-        space.kernel.radial.replace_squares::<S>(kernel_vector);
+        KernelVector { space, y, kernel_vector }.call(simd);
         let product = Product { factor: &space.inverse_factor, x: kernel_vector, product: features };
         product.call(simd)
     }
+}
+
+/// The smallest of some numbers, eight at a time.
+fn least(numbers: &[f64]) -> f64 {
+    let (eights, rest) = numbers.as_chunks::<8>();
+    let mut least = [f64::INFINITY; 8];
+    for eight in eights {
+        least.iter_mut().zip(eight).for_each(|(least, &x)| *least = if x < *least { x } else { *least });
+    }
+    least.iter().chain(rest).fold(f64::INFINITY, |least, &x| least.min(x))
 }
 
 #[cfg(test)]

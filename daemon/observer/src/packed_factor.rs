@@ -85,6 +85,47 @@ impl VectorLoop for Product<'_> {
     }
 }
 
+/// Points whose features are found together.
+pub(crate) const POINTS: usize = 8;
+
+/// φᵀφ, φ = T k, of several k in one pass over the factor: entry j of all of them, then entry j + 1, in whole lanes.
+pub(crate) struct SquaresOfProducts<'a> {
+    pub(crate) factor: &'a PackedFactor,
+    pub(crate) x: &'a [[f64; POINTS]],
+}
+
+impl VectorLoop for SquaresOfProducts<'_> {
+    type Output = [f64; POINTS];
+
+    #[inline(always)]
+    fn call<S: Simd>(self, simd: S) -> [f64; POINTS] {
+        let zero = simd.splat_f64s(0.0);
+        let mut squares = [zero; POINTS];
+        let mut rest = self.factor.panels.as_slice();
+        for panel in 0..self.x.len() / LANES {
+            let (columns, below) = rest.split_at(LANES * (panel + 1));
+            let mut sums = [[zero; LANES]; POINTS];
+            for (column, x) in columns.iter().zip(self.x) {
+                let (column, _) = S::as_simd_f64s(&column.0);
+                for (sums, &x) in sums.iter_mut().zip(x) {
+                    let x = simd.splat_f64s(x);
+                    for (sum, &entries) in sums.iter_mut().zip(column) {
+                        *sum = simd.mul_add_e_f64s(entries, x, *sum);
+                    }
+                }
+            }
+            let registers = S::as_simd_f64s(&[0.0; LANES]).0.len();
+            for (squares, sums) in squares.iter_mut().zip(&sums) {
+                for &sum in &sums[..registers] {
+                    *squares = simd.mul_add_e_f64s(sum, sum, *squares);
+                }
+            }
+            rest = below;
+        }
+        squares.map(|squares| simd.reduce_sum_f64s(squares))
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -107,6 +148,13 @@ mod tests {
                 }
                 assert!(product[n..].iter().all(|&rest| rest == 0.0));
                 assert!((squares - expected.norm_squared()).abs() <= 1e-12 * expected.norm_squared());
+                // The same vector, times 0 to 7.
+                let several: Vec<_> = x.iter().map(|x| std::array::from_fn(|p| p as f64 * x)).collect();
+                let found = unit.run(SquaresOfProducts { factor: &factor, x: &several });
+                for (p, found) in found.into_iter().enumerate() {
+                    let expected = (p * p) as f64 * expected.norm_squared();
+                    assert!((found - expected).abs() <= 1e-12 * expected, "n {n}, {p} times");
+                }
             }
         }
     }
