@@ -9,10 +9,12 @@
 //! | [`replay`] | `bench replay` | accuracy on a recorded flight, beside a Kalman filter |
 //! | [`kalman`] | | that filter |
 //! | [`plot`] | | figures |
+//! | `machine` | | what machine the figures are of |
 
 pub mod cli;
 pub mod demo;
 pub mod kalman;
+mod machine;
 pub mod paper;
 pub mod plot;
 pub mod replay;
