@@ -19,12 +19,16 @@ impl MemoryProbe {
         Self { numbers: vec![1.0; BUFFER_BYTES / 8], at: 0 }
     }
 
-    /// Reads the next window.
+    /// Reads the next window, as two streams: one alone comes slower.
     pub(super) fn read(&mut self) {
         let window = &self.numbers[self.at..self.at + WINDOW_BYTES / 8];
-        let mut sums = [0.0; 32];
-        for numbers in window.as_chunks::<32>().0 {
-            sums.iter_mut().zip(numbers).for_each(|(sum, number)| *sum += number);
+        let (first, second) = window.split_at(window.len() / 2);
+        let mut sums = [[0.0; 16]; 2];
+        for (first, second) in first.as_chunks::<16>().0.iter().zip(second.as_chunks::<16>().0) {
+            for i in 0..16 {
+                sums[0][i] += first[i];
+                sums[1][i] += second[i];
+            }
         }
         black_box(sums);
         self.at = (self.at + WINDOW_BYTES / 8) % self.numbers.len();

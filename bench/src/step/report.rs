@@ -130,8 +130,8 @@ pub(super) fn print(machine: &Machine, rows: &[Row]) {
         "KRLS",
         "Kalman",
     ]);
-    let times = |rival: Result<&Rival, _>, row: &Row| {
-        rival.map_or("–".into(), |rival| format!("×{}", three_digits(row.ratio(rival))))
+    let ratio = |rival: Result<&Rival, &String>, row: &Row| {
+        rival.map_or("–".into(), |rival| times(row.ratio(rival)))
     };
     for row in rows {
         let microseconds = |quantile: usize| three_digits(row.quantiles_ns[quantile] as f64 * 1e-3);
@@ -146,9 +146,9 @@ pub(super) fn print(machine: &Machine, rows: &[Row]) {
             microseconds(MAX),
             three_digits(row.median_ns() / row.n_centers as f64),
             three_digits(row.memory_share()),
-            times(row.literal.as_ref(), row),
-            times(row.krls.as_ref(), row),
-            times(Ok::<_, &String>(&row.kalman), row),
+            ratio(row.literal.as_ref(), row),
+            ratio(row.krls.as_ref(), row),
+            ratio(Ok(&row.kalman), row),
         ]);
     }
     table.column_iter_mut().skip(1).for_each(|column| column.set_cell_alignment(CellAlignment::Right));
@@ -167,9 +167,7 @@ pub(super) fn print(machine: &Machine, rows: &[Row]) {
 /// What the rows say, a sentence each.
 fn findings(rows: &[Row]) -> Vec<String> {
     let mut findings = Vec::new();
-    let mut solvers: Vec<Solver> = rows.iter().map(|row| row.solver).collect();
-    solvers.dedup();
-    for solver in solvers {
+    for solver in Solver::ALL {
         let mut rows: Vec<_> = rows.iter().filter(|row| row.solver == solver).collect();
         rows.sort_by_key(|row| row.n_centers);
         rows.dedup_by_key(|row| row.n_centers);
@@ -193,16 +191,11 @@ fn findings(rows: &[Row]) -> Vec<String> {
         }
         let between = |name: &str, rivals: Vec<(usize, f64)>| {
             let (first, last) = (rivals.first()?, rivals.last()?);
-            Some(match rivals.len() {
-                1 => format!("{name} takes {} times as long (N = {}).", three_digits(first.1), first.0),
-                _ => format!(
-                    "{name} takes {} times as long at N = {}, {} times at N = {}.",
-                    three_digits(first.1),
-                    first.0,
-                    three_digits(last.1),
-                    last.0
-                ),
-            })
+            let mut sentence = format!("{name} takes {} our time at N = {}", times(first.1), first.0);
+            if rivals.len() > 1 {
+                sentence += &format!(", {} at N = {}", times(last.1), last.0);
+            }
+            Some(sentence + ".")
         };
         let ratios = |rival: &dyn Fn(&Row) -> Option<Rival>| {
             let ratio = |row: &&Row| Some((row.n_centers, row.ratio(&rival(row)?)));
@@ -236,6 +229,14 @@ fn crossing(rows: &[&Row]) -> Option<f64> {
         .find(|pair| pair[0].ratio(&pair[0].kalman) >= 1.0 && pair[1].ratio(&pair[1].kalman) < 1.0)?;
     let power = exponent(pair[0], pair[1], |row| row.ratio(&row.kalman));
     Some(pair[0].n_centers as f64 * pair[0].ratio(&pair[0].kalman).powf(-power.recip()))
+}
+
+/// A ratio, small ones as a fraction.
+fn times(ratio: f64) -> String {
+    match ratio {
+        _ if ratio < 0.1 => format!("1/{:.0}", ratio.recip()),
+        _ => format!("×{}", three_digits(ratio)),
+    }
 }
 
 fn three_digits(value: f64) -> String {
@@ -296,8 +297,8 @@ pub(super) mod tests {
         for expected in [
             "A dense step grows as N to the 2.00 (10 to 100).",
             "At N = 100 it takes 10.0 µs and reads at 50 % of the memory's 8.0 GB/s; set up in 0.5 s.",
-            "The literal formula takes 30.0 times as long (N = 10).",
-            "The Kalman filter takes 4.00 times as long at N = 10, 0.040 times at N = 100.",
+            "The literal formula takes ×30.0 our time at N = 10.",
+            "The Kalman filter takes ×4.00 our time at N = 10, 1/25 at N = 100.",
             "costs as much as the Kalman filter's at about N = 20.",
             "At least 90 % of our steps learned.",
         ] {
