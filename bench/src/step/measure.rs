@@ -10,6 +10,7 @@ use super::report::{QUANTILES, Rival, Row};
 use super::{StepArguments, Subject};
 use indicatif::ProgressBar;
 use nalgebra::Vector3;
+use rustix::time::{ClockId, clock_gettime};
 use std::hint::black_box;
 use std::time::{Duration, Instant};
 
@@ -153,7 +154,7 @@ pub(super) fn measure(
     let mut reading = Contestant::warmed_up(|_| memory.read(), BATCH_NS, most_at_once);
 
     let start_of_bar = progress.position();
-    let started = Instant::now();
+    let (started, cpu_time_before) = (Instant::now(), cpu_time_s());
     for round in 0.. {
         let done = ours.samples_ns.len() as f64 / n_samples as f64;
         let spent = started.elapsed().as_secs_f64() / budget.as_secs_f64();
@@ -168,6 +169,7 @@ pub(super) fn measure(
         }
     }
 
+    let core_share = (cpu_time_s() - cpu_time_before) / started.elapsed().as_secs_f64();
     let samples_ns = ours.sorted_ns();
     let row = Row {
         solver: subject.solver,
@@ -176,6 +178,7 @@ pub(super) fn measure(
         set_up_s: subject.set_up_s,
         bytes: subject.bytes,
         samples: samples_ns.len(),
+        core_share,
         quantiles_ns: QUANTILES.map(|q| quantile(samples_ns, q)),
         dead_zone_open: n_open as f64 / n_counted as f64,
         memory_gb_per_s: MemoryProbe::gb_per_s(reading.rival().median_ns),
@@ -186,6 +189,12 @@ pub(super) fn measure(
     };
     kalman.check()?;
     Ok(row)
+}
+
+/// What this thread has used of a core.
+fn cpu_time_s() -> f64 {
+    let time = clock_gettime(ClockId::ThreadCPUTime);
+    time.tv_sec as f64 + 1e-9 * time.tv_nsec as f64
 }
 
 #[cfg(test)]

@@ -23,7 +23,6 @@ mod report;
 use crate::machine::Machine;
 use crate::plot;
 use anyhow::Context;
-use clap::builder::ArgPredicate;
 use indicatif::{ProgressBar, ProgressStyle};
 use memory::MemoryProbe;
 use observer::Channel;
@@ -43,7 +42,7 @@ pub struct StepArguments {
         value_name = "N,N,…",
         value_delimiter = ',',
         default_value = "27,125,343,729,1000,2197,4096,8000",
-        default_value_if("quick", ArgPredicate::IsPresent, "27,125,343,1000,2197"),
+        default_value_if("quick", "true", "27,125,343,1000,2197"),
         value_parser = parse_n_centers
     )]
     pub centers: Vec<usize>,
@@ -58,25 +57,15 @@ pub struct StepArguments {
         long,
         value_name = "SECONDS",
         default_value = "8",
-        default_value_if("quick", ArgPredicate::IsPresent, "1.5"),
+        default_value_if("quick", "true", "1.5"),
         value_parser = parse_seconds
     )]
     pub seconds_per_size: f64,
     /// Run the literal formula up to this N: its matrix takes 72 N² bytes, and every step reads all of it.
-    #[arg(
-        long,
-        value_name = "N",
-        default_value = "1000",
-        default_value_if("quick", ArgPredicate::IsPresent, "343")
-    )]
+    #[arg(long, value_name = "N", default_value = "1000", default_value_if("quick", "true", "343"))]
     pub literal_up_to: usize,
     /// Run kernel recursive least squares up to this N: filling its dictionaries takes 3 N³ multiply-adds.
-    #[arg(
-        long,
-        value_name = "N",
-        default_value = "1000",
-        default_value_if("quick", ArgPredicate::IsPresent, "343")
-    )]
+    #[arg(long, value_name = "N", default_value = "1000", default_value_if("quick", "true", "343"))]
     pub krls_up_to: usize,
     /// Print one JSON document instead of the table.
     #[arg(long)]
@@ -256,14 +245,21 @@ mod tests {
     #[test]
     fn a_list_of_centers_is_split_at_commas() {
         assert_eq!(arguments(&[]).unwrap().centers, [27, 125, 343, 729, 1000, 2197, 4096, 8000]);
-        assert_eq!(arguments(&["--quick"]).unwrap().centers, [27, 125, 343, 1000, 2197]);
-        assert_eq!(arguments(&["--quick"]).unwrap().seconds_per_size, 1.5);
         assert_eq!(arguments(&["--quick", "--centers", "8, 50,27"]).unwrap().centers, [8, 50, 27]);
         for bad in ["0", "8,,27", "8;27", "-1", "100000"] {
             assert!(arguments(&["--centers", bad]).is_err(), "{bad}");
         }
         assert!(arguments(&["--samples", "0"]).is_err());
         assert!(arguments(&["--seconds-per-size", "nan"]).is_err());
+    }
+
+    #[test]
+    fn quick_is_fewer_centers_and_less_time_where_nothing_else_is_asked_for() {
+        let (usual, quick) = (arguments(&[]).unwrap(), arguments(&["--quick"]).unwrap());
+        assert_eq!((usual.seconds_per_size, usual.literal_up_to, usual.krls_up_to), (8.0, 1000, 1000));
+        assert_eq!((quick.seconds_per_size, quick.literal_up_to, quick.krls_up_to), (1.5, 343, 343));
+        assert_eq!(quick.centers, [27, 125, 343, 1000, 2197]);
+        assert_eq!(arguments(&["--quick", "--literal-up-to", "8"]).unwrap().literal_up_to, 8);
     }
 
     /// Not the times, which are the machine's affair: every figure is there and they are in order.

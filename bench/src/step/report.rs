@@ -33,6 +33,8 @@ pub(super) struct Row {
     /// What a step reads.
     pub(super) bytes: usize,
     pub(super) samples: usize,
+    /// Share of the time in which the thread had its core: below 1, figures are of its neighbours too.
+    pub(super) core_share: f64,
     /// At [`QUANTILES`].
     pub(super) quantiles_ns: [u64; QUANTILES.len()],
     /// Share of the first steps that learned.
@@ -76,6 +78,7 @@ impl Row {
             ("set_up_s", json!(self.set_up_s)),
             ("bytes", json!(self.bytes)),
             ("samples", json!(self.samples)),
+            ("core_share", json!(self.core_share)),
             ("median_ns", json!(self.quantiles_ns[MEDIAN])),
             ("p99_ns", json!(self.quantiles_ns[P99])),
             ("p999_ns", json!(self.quantiles_ns[P999])),
@@ -164,6 +167,9 @@ pub(super) fn print(machine: &Machine, rows: &[Row]) {
     findings(rows).iter().for_each(|finding| outln!("{finding}"));
 }
 
+/// A thread on a core of its own has it for more of the time.
+const LEAST_CORE_SHARE: f64 = 0.97;
+
 /// What the rows say, a sentence each.
 fn findings(rows: &[Row]) -> Vec<String> {
     let mut findings = Vec::new();
@@ -214,6 +220,14 @@ fn findings(rows: &[Row]) -> Vec<String> {
     }
     let open = rows.iter().map(|row| row.dead_zone_open).fold(1.0, f64::min);
     findings.push(format!("At least {:.0} % of our steps learned.", 100.0 * open));
+    let share = rows.iter().map(|row| row.core_share).fold(1.0, f64::min);
+    if share < LEAST_CORE_SHARE {
+        findings.push(format!(
+            "The machine was busy: at one size other processes had the core for {:.0} % of the time. Compare only what \
+             took turns, and trust no maximum.",
+            100.0 * (1.0 - share)
+        ));
+    }
     findings
 }
 
@@ -262,6 +276,7 @@ pub(super) mod tests {
             set_up_s: 0.5,
             bytes: 4 * n_centers * n_centers,
             samples: 10,
+            core_share: 0.5,
             quantiles_ns: QUANTILES.map(|q| median_ns + ((q - 0.5) * 10.0) as u64),
             dead_zone_open: 0.9,
             memory_gb_per_s: 8.0,
@@ -301,6 +316,7 @@ pub(super) mod tests {
             "The Kalman filter takes ×4.00 our time at N = 10, 1/25 at N = 100.",
             "costs as much as the Kalman filter's at about N = 20.",
             "At least 90 % of our steps learned.",
+            "other processes had the core for 50 % of the time",
         ] {
             assert!(found.contains(expected), "{expected}\nnot in\n{found}");
         }
