@@ -328,7 +328,7 @@ impl NativeSpace {
         cost: usize,
         values: impl FnMut(&[Vec<f64>]) -> Vec<f64>,
     ) -> Supremum {
-        // Half a second or so on a slow core up to N = 1000; beyond, of the power function, one second per million N².
+        // Half a second or so on a slow core up to N = 1000; beyond, the power function takes as N²: seconds at 4096.
         let most_evaluations = (400_000_000 / cost.max(1)).clamp(1000, 100_000);
         supremum_over_box(
             self.bounding_box(),
