@@ -157,7 +157,9 @@ pub(super) fn print(machine: &Machine, rows: &[Row]) {
     table.column_iter_mut().skip(1).for_each(|column| column.set_cell_alignment(CellAlignment::Right));
     outln!("{table}");
     outln!("kB: what a step reads of the factor and the centers.");
-    outln!("of memory: the speed of that over a plain loop through 256 MB, in turns with it; above 1 in a cache.");
+    outln!(
+        "of memory: the speed of that over a plain loop through 256 MB, in turns with it; above 1 in a cache."
+    );
     outln!("literal, KRLS, Kalman: their median over ours, in turns; – was not run:");
     outln!("  literal  the paper's formula with nalgebra, 3N×3N matrices");
     outln!(
