@@ -75,6 +75,36 @@ fn wrong_usage_is_told_from_failure() {
     assert_eq!(code(&["--help"]), Some(0));
 }
 
+/// The keys that scripts rely on, and a reason beside every figure that was not measured.
+#[test]
+fn the_document_of_the_step_has_its_keys() {
+    let small =
+        ["step", "--centers", "8,27", "--samples", "100", "--literal-up-to", "8", "--krls-up-to", "8"];
+    let output = bench(&[&small[..], &["--json"]].concat()).output().unwrap();
+    assert!(output.status.success(), "{}", text(&output.stderr));
+    let document: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert!(document["machine"].is_object());
+    let rows = document["rows"].as_array().unwrap();
+    for (row, n_centers) in rows.iter().zip([8, 27]) {
+        assert!(row["solver"] == "dense" && row["n_centers"] == n_centers && row["samples"] == 100);
+        for key in ["median_ns", "p99_ns", "p999_ns", "max_ns", "bytes"] {
+            assert!(row[key].as_u64().unwrap() > 0, "{key}");
+        }
+        assert_eq!(
+            row["quantiles_ns"].as_array().unwrap().len(),
+            document["quantiles"].as_array().unwrap().len()
+        );
+        assert!(row["kalman_ratio"].is_number());
+        for key in ["literal_ratio", "krls_ratio"] {
+            assert_eq!(row[key].is_number(), n_centers == 8, "{key}");
+            assert_eq!(row[format!("{key}_reason")].is_string(), n_centers == 27, "{key}");
+        }
+    }
+    let table = bench(&small).output().unwrap();
+    let table = text(&table.stdout);
+    assert!(table.contains("A dense step grows as N to the") && table.contains("KRLS takes ×"), "{table}");
+}
+
 fn recorded_flight() -> Option<PathBuf> {
     let folder = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../shared/data/acsl");
     let found = std::fs::read_dir(&folder).into_iter().flatten().flatten().map(|entry| entry.path());

@@ -5,24 +5,29 @@ use crate::estimator::Estimator;
 use comfy_table::{ContentArrangement, Table, presets::NOTHING};
 use nalgebra::Vector3;
 use observer::{
-    Centers, Certificate, ChannelDesign, DesignError, DesignReport, InitialState, Kernel, LengthScale,
-    LengthScaleEffect, LinearObserver, LinearOutput, RigidBodyObserver, Sample, SolverInUse, Velocity,
-    Verdict, length_scale_effect,
+    Centers, Certificate, ChannelDesign, DesignError, DesignReport, InitialState, Kernel, LearnedFunction,
+    LengthScale, LengthScaleEffect, LinearObserver, LinearOutput, RigidBodyObserver, Sample, SolverInUse,
+    Velocity, Verdict, length_scale_effect,
 };
 use rustix::stdio::stdout;
 use rustix::termios::tcgetwinsize;
 use serde::Serialize;
 use serde_json::{Value, json};
 use shared_types::outln;
-use std::time::Instant;
+use std::borrow::Cow;
+use std::time::{Duration, Instant};
 
 /// Multiples of the length scale that are compared with it.
 const SHORTER: [f64; 2] = [0.5, 0.7];
 const LONGER: [f64; 2] = [1.4, 2.0];
 /// Comparing length scales factors a Gram matrix for each: not with more centers than this.
 const MOST_CENTERS_TO_COMPARE: usize = 729;
-/// Steps timed for the time per step.
-const TIMED_STEPS: u64 = 400;
+/// Steps timed for the time per step, at most, …
+const MOST_TIMED_STEPS: usize = 400;
+/// … as many as begin within this time, …
+const TIMING: Duration = Duration::from_millis(500);
+/// … and at least.
+const LEAST_TIMED_STEPS: usize = 11;
 
 /// The report of one channel.
 pub struct ChannelCheck {
@@ -32,14 +37,21 @@ pub struct ChannelCheck {
     units: (&'static str, &'static str),
     report: DesignReport,
     length_scales: Vec<LengthScaleEffect>,
-    /// Median time of one step on this machine (ns), or why `daemon run` refuses the channel.
-    step_ns: Result<u64, ConfigError>,
+    /// What one step takes on this machine, or why `daemon run` refuses the channel.
+    step_time: Result<StepTime, ConfigError>,
 }
+
+struct StepTime {
+    median_ns: u64,
+    samples: usize,
+}
+
+type Report<'a> = dyn Fn(&LearnedFunction<3>) -> Result<DesignReport, DesignError> + 'a;
 
 impl ChannelCheck {
     /// Why `daemon run` refuses the channel, if it does.
     pub fn refusal(&self) -> Option<&ConfigError> {
-        self.step_ns.as_ref().err()
+        self.step_time.as_ref().err()
     }
 }
 
@@ -51,34 +63,43 @@ pub fn checks(file: &ConfigFile) -> Result<Vec<ChannelCheck>, ConfigError> {
     let mut checks = Vec::new();
     file.check_service()?;
     let refuse = |table: &'static str| move |error: DesignError| file.refuse(table, &error);
-    let body = |name, units, channel: &ChannelDesign, report, observer: Result<RigidBodyObserver, _>| {
-        let report = Result::map_err(report, refuse(name))?;
-        let length_scales = compared_length_scales(
-            &report,
-            (channel.kernel, &channel.length_scale, &channel.centers, channel.nugget),
-        );
-        let step_ns = observer.map(time_steps).map_err(refuse(name));
-        Ok::<_, ConfigError>(ChannelCheck { name, units, report, length_scales, step_ns })
-    };
+    // With many centers a space takes long to build: what the observer has built is what is reported on.
+    let body =
+        |name, units, channel: &ChannelDesign, observer: Result<RigidBodyObserver, _>, report: &Report| {
+            let law = observer.as_ref().ok().and_then(|body| body.translation().or(body.rotation()));
+            let built = law
+                .map_or_else(|| channel.function().map(Cow::Owned), |law| Ok(Cow::Borrowed(law.function())));
+            let report = built.and_then(|function| report(&function)).map_err(refuse(name))?;
+            let length_scales = compared_length_scales(
+                &report,
+                (channel.kernel, &channel.length_scale, &channel.centers, channel.nugget),
+            );
+            let step_time = observer.map(time_steps).map_err(refuse(name));
+            Ok::<_, ConfigError>(ChannelCheck { name, units, report, length_scales, step_time })
+        };
     if let Some(design) = file.translation_design()? {
-        let report = DesignReport::of_translation(&design);
         let observer = RigidBodyObserver::new(Some(design.clone()), None, InitialState::default());
-        checks.push(body("translation", ("m/s", "kg/s²"), &design.channel, report, observer)?);
+        let report = |function: &LearnedFunction<3>| DesignReport::of_translation(&design, function);
+        checks.push(body("translation", ("m/s", "kg/s²"), &design.channel, observer, &report)?);
     }
     if let Some(design) = file.rotation_design()? {
-        let report = DesignReport::of_rotation(&design);
         let observer = RigidBodyObserver::new(None, Some(design.clone()), InitialState::default());
-        checks.push(body("rotation", ("rad/s", "N·m"), &design.channel, report, observer)?);
+        let report = |function: &LearnedFunction<3>| DesignReport::of_rotation(&design, function);
+        checks.push(body("rotation", ("rad/s", "N·m"), &design.channel, observer, &report)?);
     }
     if let Some(design) = file.linear_design()? {
         let names = file.config.linear.as_ref().and_then(|linear| linear.state_names.as_deref());
-        let report = DesignReport::of_linear(&design, names).map_err(refuse("linear"))?;
+        let observer = LinearObserver::new(&design);
+        let law = observer.as_ref().ok().map(LinearObserver::law);
+        let built =
+            law.map_or_else(|| design.function().map(Cow::Owned), |law| Ok(Cow::Borrowed(law.function())));
+        let report = DesignReport::of_linear(&design, &*built.map_err(refuse("linear"))?, names);
         let length_scales = compared_length_scales(
             &report,
             (design.kernel, &design.length_scale, &design.centers, design.nugget),
         );
-        let step_ns = LinearObserver::new(&design).map(time_linear_steps).map_err(refuse("linear"));
-        checks.push(ChannelCheck { name: "linear", units: ("", ""), report, length_scales, step_ns });
+        let step_time = observer.map(time_linear_steps).map_err(refuse("linear"));
+        checks.push(ChannelCheck { name: "linear", units: ("", ""), report, length_scales, step_time });
     }
     match checks.is_empty() {
         true => file.estimator().map(|_| checks),
@@ -163,8 +184,8 @@ pub fn local_solvers(estimator: &Estimator) -> Vec<String> {
         .collect()
 }
 
-/// The median time of a step (ns), outputs wandering through the box of the centers.
-fn time_steps(mut observer: RigidBodyObserver) -> u64 {
+/// The time of a step, outputs wandering through the box of the centers.
+fn time_steps(mut observer: RigidBodyObserver) -> StepTime {
     let law = observer.translation().or(observer.rotation()).expect("one channel was built");
     let (lower, upper) = law.bounding_box();
     let (lower, upper) = (Vector3::from_column_slice(lower), Vector3::from_column_slice(upper));
@@ -179,7 +200,7 @@ fn time_steps(mut observer: RigidBodyObserver) -> u64 {
     })
 }
 
-fn time_linear_steps(mut observer: LinearObserver) -> u64 {
+fn time_linear_steps(mut observer: LinearObserver) -> StepTime {
     let (lower, upper) = observer.law().bounding_box();
     let (lower, upper) = (lower.to_vec(), upper.to_vec());
     time(|j, wander| {
@@ -194,18 +215,21 @@ fn jittered_ns(j: u64) -> u64 {
     j * 1_000_000 + j * 7919 % 1009
 }
 
-fn time(mut step: impl FnMut(u64, [f64; 3])) -> u64 {
-    let mut durations_ns: Vec<u64> = (0..TIMED_STEPS)
-        .map(|j| {
-            let t = j as f64 * 0.1;
-            let wander = [t.sin(), (1.3 * t).cos(), (0.7 * t).sin()].map(|x| 0.5 + 0.5 * x);
-            let start = Instant::now();
-            step(j, wander);
-            start.elapsed().as_nanos() as u64
-        })
-        .collect();
+fn time(mut step: impl FnMut(u64, [f64; 3])) -> StepTime {
+    let mut durations_ns = Vec::with_capacity(MOST_TIMED_STEPS);
+    let begin = Instant::now();
+    while durations_ns.len() < LEAST_TIMED_STEPS
+        || (durations_ns.len() < MOST_TIMED_STEPS && begin.elapsed() < TIMING)
+    {
+        let j = durations_ns.len() as u64;
+        let t = j as f64 * 0.1;
+        let wander = [t.sin(), (1.3 * t).cos(), (0.7 * t).sin()].map(|x| 0.5 + 0.5 * x);
+        let start = Instant::now();
+        step(j, wander);
+        durations_ns.push(start.elapsed().as_nanos() as u64);
+    }
     durations_ns.sort_unstable();
-    durations_ns[durations_ns.len() / 2]
+    StepTime { median_ns: durations_ns[durations_ns.len() / 2], samples: durations_ns.len() }
 }
 
 /// The document of `daemon check --json`.
@@ -304,7 +328,8 @@ impl ChannelCheck {
             "solver": if report.solver == SolverInUse::Dense { "dense" } else { "local" },
             "solver_block": block,
             "solver_predicted_error": predicted_error,
-            "step_ns": self.step_ns.as_ref().ok(),
+            "step_ns": self.step_time.as_ref().ok().map(|time| time.median_ns),
+            "step_samples": self.step_time.as_ref().map_or(0, |time| time.samples),
             "length_scale_effect": length_scales,
             "findings": findings,
         });
@@ -319,7 +344,7 @@ impl ChannelCheck {
         let missing: Vec<_> =
             reasons.iter().filter(|(_, value)| value.is_null()).map(|(key, _)| key.clone()).collect();
         for key in missing {
-            let reason = match (key.as_str(), &report.lure, &self.step_ns) {
+            let reason = match (key.as_str(), &report.lure, &self.step_time) {
                 ("length_scale_effect", ..) => nothing_compared.clone(),
                 ("solver_block" | "solver_predicted_error", ..) => "the dense solver is exact".into(),
                 ("separation_length_scales", ..) => "there is a single center".into(),
@@ -347,8 +372,10 @@ impl ChannelCheck {
         let mut fact = |name: &str, value: String| {
             facts.add_row([name, &value]);
         };
-        let step = match &self.step_ns {
-            Ok(step_ns) => format!("{:.2} µs (median of {TIMED_STEPS} here)", *step_ns as f64 / 1e3),
+        let step = match &self.step_time {
+            Ok(time) => {
+                format!("{:.2} µs (median of {} here)", time.median_ns as f64 / 1e3, time.samples)
+            }
             Err(_) => "not measured: daemon run would refuse this channel".into(),
         };
         fact("solver", report.solver.to_string());

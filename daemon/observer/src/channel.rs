@@ -25,7 +25,7 @@
 use crate::law::Law;
 use crate::learned_function::LearnedFunction;
 use crate::stability::{StepLimit, largest_learning_rate};
-use crate::{Centers, DeadZone, DesignError, Kernel, LengthScale, NativeSpace, Parameter, Solver};
+use crate::{Centers, DeadZone, DesignError, Kernel, LengthScale, Parameter, ScaledKernel, Solver};
 use nalgebra::{DMatrix, Matrix3, Vector3};
 
 /// Everything that a channel is made of.
@@ -131,8 +131,8 @@ impl Channel {
     /// positive, an inertia or adaptation rate that is not symmetric positive definite, centers without a
     /// positive definite Gram matrix, or an adaptation rate beyond the sampled-data bound.
     pub fn new(design: &ChannelDesign) -> Result<Self, DesignError> {
-        let function = design.function()?;
-        let factor = design.largest_rate_factor(function.space());
+        design.check()?;
+        let factor = design.largest_rate_factor()?;
         if factor <= 1.0 {
             let largest = design.adaptation_rate.symmetric_eigenvalues().max();
             return Err(DesignError::new(
@@ -149,7 +149,13 @@ impl Channel {
             fastest_learning: design.fastest_learning(),
         };
         Ok(Self {
-            law: Law::new(function, &design.centers, design.dead_zone, design.adaptation_rate, step_limit),
+            law: Law::new(
+                design.function()?,
+                &design.centers,
+                design.dead_zone,
+                design.adaptation_rate,
+                step_limit,
+            ),
             integrator: Integrator {
                 gain_per_s: design.gain_per_s,
                 inverse_inertia: design.inertia.try_inverse().expect("positive definite"),
@@ -177,8 +183,19 @@ impl Channel {
 }
 
 impl ChannelDesign {
-    /// Checks every range and makes f̂ = 0; whether the rate is stable is another question.
-    pub(crate) fn function(&self) -> Result<LearnedFunction<3>, DesignError> {
+    /// f̂ = 0 with the design's solver; whether the rate is stable is another question.
+    ///
+    /// # Errors
+    /// As [`Channel::new`], but for the rate's stability.
+    ///
+    /// # Cost
+    /// As [`crate::NativeSpace::new`] with the dense solver.
+    pub fn function(&self) -> Result<LearnedFunction<3>, DesignError> {
+        self.check()?;
+        LearnedFunction::zero((self.kernel, &self.length_scale), &self.centers, self.nugget, &self.solver)
+    }
+
+    fn check(&self) -> Result<(), DesignError> {
         positive(Parameter::Gain, self.gain_per_s)?;
         positive(Parameter::Hold, self.hold_s)?;
         positive(Parameter::CoastStep, self.coast_step_s)?;
@@ -189,7 +206,7 @@ impl ChannelDesign {
             let found = format!("centers with {} coordinates", self.centers.dimension());
             return Err(DesignError::new(Parameter::Centers, found, "three, one per output"));
         }
-        LearnedFunction::zero((self.kernel, &self.length_scale), &self.centers, self.nugget, &self.solver)
+        Ok(())
     }
 
     /// λ_max(M⁻¹ Γ_f): what the fastest direction learns per unit of φᵀφ and σ (1/s²).
@@ -202,9 +219,10 @@ impl ChannelDesign {
 
     /// The adaptation rate may be multiplied by less than this, by the sampled-data bound for σ = 1 and the
     /// longest hold.
-    pub(crate) fn largest_rate_factor(&self, space: &NativeSpace) -> f64 {
-        largest_learning_rate(self.gain_per_s, self.hold_s)
-            / (self.fastest_learning() * space.value_at_zero())
+    pub(crate) fn largest_rate_factor(&self) -> Result<f64, DesignError> {
+        let kernel = ScaledKernel::new(self.kernel, &self.length_scale, self.centers.dimension())?;
+        let fastest = self.fastest_learning() * kernel.value_at_zero();
+        Ok(largest_learning_rate(self.gain_per_s, self.hold_s) / fastest)
     }
 }
 

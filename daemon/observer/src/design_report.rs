@@ -14,7 +14,7 @@
 
 use crate::channel::dynamic;
 use crate::learned_function::LearnedFunction;
-use crate::linear::largest_learning_of_every_step;
+use crate::linear::{MAX_OUTPUTS, largest_learning_of_every_step};
 use crate::linear_algebra::{
     LurePair, complement, eigenvalues, reachable_subspace, spectral_abscissa, spectral_norm,
 };
@@ -116,9 +116,14 @@ impl DesignReport {
     /// Of a body's translation: x = (r, v). The law's plant is the velocity; a position fix that is used makes the
     /// position observable.
     ///
+    /// `space` is that of the channel ([`ChannelDesign::space`]), which takes long to build with many centers.
+    ///
     /// # Errors
     /// A parameter out of range, as [`crate::Channel::new`]; an unstable adaptation rate is a finding, not an error.
-    pub fn of_translation(design: &TranslationDesign) -> Result<Self, DesignError> {
+    pub fn of_translation(
+        design: &TranslationDesign,
+        function: &LearnedFunction<3>,
+    ) -> Result<Self, DesignError> {
         let identity = Matrix3::identity();
         let fix = design.position_fix_gain_per_s;
         let velocity = block([[Matrix3::zeros(), identity]]);
@@ -135,14 +140,14 @@ impl DesignReport {
                 [Matrix3::zeros(), -design.channel.gain_per_s * identity],
             ]),
         };
-        Self::of_channel(&design.channel, plant)
+        Self::of_channel(&design.channel, function, plant)
     }
 
     /// Of a body's rotation: x = ω.
     ///
     /// # Errors
     /// As [`DesignReport::of_translation`].
-    pub fn of_rotation(design: &RotationDesign) -> Result<Self, DesignError> {
+    pub fn of_rotation(design: &RotationDesign, function: &LearnedFunction<3>) -> Result<Self, DesignError> {
         let identity = Matrix3::identity();
         let plant = WholePlant {
             states: axes("angular velocity").collect(),
@@ -151,11 +156,14 @@ impl DesignReport {
             measured: dynamic(&identity),
             error_dynamics: dynamic(&(-design.channel.gain_per_s * identity)),
         };
-        Self::of_channel(&design.channel, plant)
+        Self::of_channel(&design.channel, function, plant)
     }
 
-    fn of_channel(channel: &ChannelDesign, plant: WholePlant) -> Result<Self, DesignError> {
-        let function = channel.function()?;
+    fn of_channel(
+        channel: &ChannelDesign,
+        function: &LearnedFunction<3>,
+        plant: WholePlant,
+    ) -> Result<Self, DesignError> {
         let law = LinearDesign {
             a: DMatrix::zeros(3, 3),
             b: dynamic(&inverse(channel)),
@@ -175,21 +183,16 @@ impl DesignReport {
         };
         // ξ is a force here: it enters through B.
         let through_input = |pair: &LurePair| spectral_norm(&(&pair.p * &law.b));
-        Ok(Self::assemble(
-            &law,
-            &function,
-            plant,
-            channel.largest_rate_factor(function.space()),
-            through_input,
-        ))
+        Ok(Self::assemble(&law, function, plant, channel.largest_rate_factor()?, through_input))
     }
 
-    /// Of a general linear plant, with names for its states (x1, x2, … where there are none).
-    ///
-    /// # Errors
-    /// As [`crate::LinearObserver::new`], but neither poles nor adaptation rate have to be stable.
-    pub fn of_linear(design: &LinearDesign, names: Option<&[String]>) -> Result<Self, DesignError> {
-        let function = design.function()?;
+    /// Of a general linear plant and its f̂ ([`LinearDesign::function`]), with names for its states (x1, x2, … where
+    /// there are none). Neither poles nor adaptation rate have to be stable.
+    pub fn of_linear(
+        design: &LinearDesign,
+        function: &LearnedFunction<MAX_OUTPUTS>,
+        names: Option<&[String]>,
+    ) -> Self {
         let n = design.n_states();
         let plant = WholePlant {
             states: state_names(names, n),
@@ -199,7 +202,7 @@ impl DesignReport {
             error_dynamics: design.error_dynamics(),
         };
         let factor = largest_learning_of_every_step(design) / function.space().value_at_zero();
-        Ok(Self::assemble(design, &function, plant, factor, |pair| pair.p_norm))
+        Self::assemble(design, function, plant, factor, |pair| pair.p_norm)
     }
 
     fn assemble<const M: usize>(
@@ -525,6 +528,10 @@ mod tests {
         }
     }
 
+    fn report_of(design: &TranslationDesign) -> DesignReport {
+        DesignReport::of_translation(design, &design.channel.function().unwrap()).unwrap()
+    }
+
     fn verdict(report: &DesignReport, condition: &str) -> Verdict {
         let findings = report.findings();
         findings.iter().find(|f| f.condition.starts_with(condition)).unwrap().verdict
@@ -533,7 +540,7 @@ mod tests {
     /// By hand: P = 4I, Q = 2λP = 80 I, ‖PL‖ = 40, E₀ = 2 δ̄ 40/80 = δ̄.
     #[test]
     fn the_papers_translation_has_the_numbers_of_a_hand_calculation() {
-        let report = DesignReport::of_translation(&translation()).unwrap();
+        let report = report_of(&translation());
         assert!(report.controllable && !report.observable && !report.hurwitz && report.observable_hurwitz);
         assert_eq!(report.unobservable, ["position"]);
         let pair = report.lure.as_ref().unwrap();
@@ -555,13 +562,13 @@ mod tests {
     fn the_papers_rotation_has_an_unequal_inertia() {
         let noise = 0.05 * 3.0_f64.sqrt();
         let inertia = Matrix3::from_diagonal(&nalgebra::Vector3::new(0.2, 15.0, 15.0));
-        let report = DesignReport::of_rotation(&RotationDesign {
+        let design = RotationDesign {
             channel: paper(inertia, 0.1, (DeadZoneShape::Quadratic, 0.1), noise),
             gyroscopic_torque: GyroscopicTorque::Learned,
             attitude_fix_gain_per_s: 0.0,
             attitude_fix_hold_s: 0.0,
-        })
-        .unwrap();
+        };
+        let report = DesignReport::of_rotation(&design, &design.channel.function().unwrap()).unwrap();
         assert!(report.observable && report.hurwitz && report.unobservable.is_empty());
         assert!((report.certificate.unwrap().e0() - 75.0 * noise).abs() < 1e-9);
         assert_eq!(verdict(&report, "d > d_N"), Verdict::Fails);
@@ -572,7 +579,7 @@ mod tests {
     fn a_position_fix_makes_the_position_observable() {
         let mut design = translation();
         design.position_fix_gain_per_s = 0.5;
-        let report = DesignReport::of_translation(&design).unwrap();
+        let report = report_of(&design);
         assert!(report.observable && report.hurwitz);
         assert!(report.poles.iter().filter(|pole| (pole.re + 0.5).abs() < 1e-9).count() == 3);
     }
@@ -583,7 +590,7 @@ mod tests {
         let mut design = translation();
         design.channel.bounds.unmatched = 5.0;
         design.channel.bounds.residual_norm = 3.0;
-        let report = DesignReport::of_translation(&design).unwrap();
+        let report = report_of(&design);
         let noise = design.channel.bounds.noise;
         assert!((report.certificate.unwrap().e0() - 2.0 * (40.0 * noise + 5.0) / 80.0).abs() < 1e-12);
         let expected = 2.0 * (0.443_724_775_3 * 3.0 + 40.0 * noise + 5.0) / 80.0;
@@ -609,7 +616,7 @@ mod tests {
     fn an_unstable_rate_is_a_finding() {
         let mut design = translation();
         design.channel.adaptation_rate *= 1e7;
-        let report = DesignReport::of_translation(&design).unwrap();
+        let report = report_of(&design);
         assert!(!report.sampled_data_stable());
         assert_eq!(verdict(&report, "sampled law"), Verdict::Fails);
     }

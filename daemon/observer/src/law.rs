@@ -194,17 +194,13 @@ impl<const M: usize> Law<M> {
     }
 
     /// f̂.
-    #[cfg(test)]
-    pub(crate) fn function(&self) -> &LearnedFunction<M> {
+    pub fn function(&self) -> &LearnedFunction<M> {
         &self.function
     }
 
     /// θ of the dense solver, one run of N per output, filled up with zeros to whole lanes; empty for a local one.
     pub fn weights(&self) -> &[Vec<f64>] {
-        match &self.function {
-            LearnedFunction::Dense(function) => function.weights(),
-            LearnedFunction::Lattice(_) | LearnedFunction::Scattered(_) => &[],
-        }
+        self.function.weights()
     }
 
     /// The native space of f̂; of the local solver, the one of a block of neighbours.

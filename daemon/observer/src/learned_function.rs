@@ -29,7 +29,10 @@ impl<const M: usize> Evaluation<M> {
 
 /// f̂_N with values in ℝ^m, m ≤ M; what is beyond m is zero. Everything is allocated at construction.
 #[derive(Debug, Clone)]
-pub(crate) enum LearnedFunction<const M: usize> {
+pub struct LearnedFunction<const M: usize>(Kind<M>);
+
+#[derive(Debug, Clone)]
+enum Kind<const M: usize> {
     Dense(Box<DenseFunction<M>>),
     Lattice(Box<LatticeFunction<M>>),
     Scattered(Box<ScatteredFunction<M>>),
@@ -39,9 +42,9 @@ pub(crate) enum LearnedFunction<const M: usize> {
 macro_rules! each {
     ($function:expr, $inner:ident => $call:expr) => {
         match $function {
-            Self::Dense($inner) => $call,
-            Self::Lattice($inner) => $call,
-            Self::Scattered($inner) => $call,
+            Kind::Dense($inner) => $call,
+            Kind::Lattice($inner) => $call,
+            Kind::Scattered($inner) => $call,
         }
     };
 }
@@ -60,72 +63,80 @@ impl<const M: usize> LearnedFunction<M> {
         match solver.local(centers) {
             None => {
                 let space = NativeSpace::new(kernel, length_scale, centers.clone(), nugget)?;
-                Ok(Self::Dense(Box::new(DenseFunction::zero(space))))
+                Ok(Self(Kind::Dense(Box::new(DenseFunction::zero(space)))))
             }
             Some(options) if centers.lattice_box().is_none() => {
                 let function = ScatteredFunction::zero((kernel, length_scale), centers, nugget, &options)?;
-                Ok(Self::Scattered(Box::new(function)))
+                Ok(Self(Kind::Scattered(Box::new(function))))
             }
             Some(options) => {
                 let function = LatticeFunction::zero((kernel, length_scale), centers, nugget, &options)?;
-                Ok(Self::Lattice(Box::new(function)))
+                Ok(Self(Kind::Lattice(Box::new(function))))
             }
         }
     }
 
     /// Takes an output y, at which f̂ is then evaluated and learned.
     pub(crate) fn hold(&mut self, output: &[f64]) {
-        each!(self, f => f.hold(output));
+        each!(&mut self.0, f => f.hold(output));
     }
 
     /// f̂ at the held output, of what is learned by now.
     pub(crate) fn held(&mut self) -> Evaluation<M> {
-        each!(self, f => f.held())
+        each!(&mut self.0, f => f.held())
     }
 
     /// f̂ at another point, as if `pending` had been learned at the held output.
     pub(crate) fn at(&mut self, point: &[f64], pending: &SVector<f64, M>) -> Evaluation<M> {
-        each!(self, f => f.at(point, pending))
+        each!(&mut self.0, f => f.at(point, pending))
     }
 
     /// f̂ ← f̂ + Π_N 𝔎(·, y) in, y the held output.
     pub(crate) fn learn(&mut self, increment: &SVector<f64, M>) {
-        each!(self, f => f.learn(increment));
+        each!(&mut self.0, f => f.learn(increment));
     }
 
     /// Zero again.
     pub(crate) fn forget(&mut self) {
-        each!(self, f => f.forget());
+        each!(&mut self.0, f => f.forget());
     }
 
     /// Keeps what is learned by now, beside the function.
     pub(crate) fn keep_good_copy(&mut self) {
-        each!(self, f => f.keep_good_copy());
+        each!(&mut self.0, f => f.keep_good_copy());
     }
 
     /// Puts back what was kept last.
     pub(crate) fn restore_good_copy(&mut self) {
-        each!(self, f => f.restore_good_copy());
+        each!(&mut self.0, f => f.restore_good_copy());
     }
 
     /// ‖f̂_N‖_H.
-    pub(crate) fn native_norm(&self) -> f64 {
-        each!(self, f => f.native_norm())
+    pub fn native_norm(&self) -> f64 {
+        each!(&self.0, f => f.native_norm())
     }
 
     /// H_N; of the local solver, the space of one block: K's condition is at least its, and P_N at most its.
-    pub(crate) fn space(&self) -> &NativeSpace {
-        each!(self, f => f.space())
+    pub fn space(&self) -> &NativeSpace {
+        each!(&self.0, f => f.space())
+    }
+
+    /// θ of the dense solver, one run of whole lanes per output; empty for a local one.
+    pub(crate) fn weights(&self) -> &[Vec<f64>] {
+        match &self.0 {
+            Kind::Dense(function) => function.weights(),
+            Kind::Lattice(_) | Kind::Scattered(_) => &[],
+        }
     }
 
     /// The solver that was chosen.
-    pub(crate) fn solver(&self) -> SolverInUse {
-        match self {
-            Self::Dense(_) => SolverInUse::Dense,
-            Self::Lattice(function) => {
+    pub fn solver(&self) -> SolverInUse {
+        match &self.0 {
+            Kind::Dense(_) => SolverInUse::Dense,
+            Kind::Lattice(function) => {
                 SolverInUse::Local { block: function.block(), predicted_error: function.predicted_error() }
             }
-            Self::Scattered(function) => SolverInUse::Neighbours {
+            Kind::Scattered(function) => SolverInUse::Neighbours {
                 n_neighbours: function.n_neighbours(),
                 predicted_error: function.predicted_error(),
             },
@@ -133,13 +144,13 @@ impl<const M: usize> LearnedFunction<M> {
     }
 
     /// Bytes that are held.
-    pub(crate) fn bytes(&self) -> usize {
-        each!(self, f => f.bytes())
+    pub fn bytes(&self) -> usize {
+        each!(&self.0, f => f.bytes())
     }
 
     /// Bytes that a step reads.
-    pub(crate) fn bytes_of_step(&self) -> usize {
-        each!(self, f => f.bytes_of_step())
+    pub fn bytes_of_step(&self) -> usize {
+        each!(&self.0, f => f.bytes_of_step())
     }
 }
 

@@ -59,6 +59,7 @@ mod box_search;
 mod centers;
 mod certificate;
 mod channel;
+mod cholesky;
 mod dead_zone;
 mod dense_function;
 mod design_report;
@@ -91,7 +92,7 @@ pub use design_report::{DesignReport, Finding, LengthScaleEffect, Verdict, lengt
 pub use kernel::{Kernel, RadialFunction};
 pub use lanes::vector_unit;
 pub use law::{Law, Learning};
-pub use learned_function::Evaluation;
+pub use learned_function::{Evaluation, LearnedFunction};
 pub use linear::{
     LinearDesign, LinearEstimate, LinearObserver, LinearOutput, LinearState, MAX_OUTPUTS, MAX_STATES,
 };

@@ -30,7 +30,7 @@ use crate::linear_algebra::{
 };
 use crate::stability::StepLimit;
 use crate::timeline::{ChannelReport, Moment, Plant, Timeline};
-use crate::{Centers, DeadZone, DesignError, Kernel, LengthScale, Parameter, Solver};
+use crate::{Centers, DeadZone, DesignError, Kernel, LengthScale, Parameter, ScaledKernel, Solver};
 use nalgebra::{Complex, DMatrix, DVector, SMatrix, SVector};
 
 /// The largest n.
@@ -137,8 +137,14 @@ impl LinearDesign {
         }
     }
 
-    /// Checks every shape and range and makes f̂ = 0; whether it is stable is another question.
-    pub(crate) fn function(&self) -> Result<LearnedFunction<MAX_OUTPUTS>, DesignError> {
+    /// f̂ = 0 with the design's solver; whether the observer is stable is another question.
+    ///
+    /// # Errors
+    /// As [`LinearObserver::new`], but for what is stable.
+    ///
+    /// # Cost
+    /// As [`crate::NativeSpace::new`] with the dense solver.
+    pub fn function(&self) -> Result<LearnedFunction<MAX_OUTPUTS>, DesignError> {
         self.check()?;
         LearnedFunction::zero((self.kernel, &self.length_scale), &self.centers, self.nugget, &self.solver)
     }
@@ -256,7 +262,8 @@ impl LinearObserver {
     /// A − LC is not Hurwitz; `AdaptationRate` beyond the sampled-data bound; `Centers` as
     /// [`crate::NativeSpace::new`].
     pub fn new(design: &LinearDesign) -> Result<Self, DesignError> {
-        let function = design.function()?;
+        design.check()?;
+        let kernel = ScaledKernel::new(design.kernel, &design.length_scale, design.n_outputs())?;
         let part = design.observable_part();
         let slowest = spectral_abscissa(&part.error_dynamics());
         if slowest >= 0.0 {
@@ -276,7 +283,7 @@ impl LinearObserver {
             ));
         }
         let largest_learning = largest_learning_of_every_step(design);
-        let factor = largest_learning / function.space().value_at_zero();
+        let factor = largest_learning / kernel.value_at_zero();
         if factor <= 1.0 {
             let largest = design.adaptation_rate.clone().symmetric_eigenvalues().max();
             let needed = match factor > 0.0 {
@@ -293,6 +300,7 @@ impl LinearObserver {
                 needed,
             ));
         }
+        let function = design.function()?;
         let certificate = part.lure_pair().ok().map(|pair| {
             Certificate::new(
                 (pair.lambda_min, pair.pl_norm),

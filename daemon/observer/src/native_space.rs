@@ -13,9 +13,10 @@
 
 use crate::box_search::{Supremum, supremum_over_box};
 use crate::centers::weighted_distance;
+use crate::cholesky::{self, largest_eigenvalue, times, transposed_times};
 use crate::kernel::RadialFunction;
 use crate::lanes::{VectorLoop, VectorUnit, multiply_add, whole_lanes};
-use crate::packed_factor::{PackedFactor, Product};
+use crate::packed_factor::{POINTS, PackedFactor, Product, SquaresOfProducts};
 use crate::{Centers, DesignError, Kernel, NativeFunction, Parameter};
 use nalgebra::DMatrix;
 use pulp::Simd;
@@ -96,7 +97,7 @@ impl ScaledKernel {
     }
 }
 
-/// Factoring more takes hours, and 8 N² bytes.
+/// Factoring more takes minutes, and 8 N² bytes.
 const MOST_CENTERS: usize = 20_000;
 
 /// H_N = span {𝒦(ξ_j,·) a}: a kernel on N centers, factored once.
@@ -128,7 +129,8 @@ impl NativeSpace {
     /// definite, naming the closest pair of centers, the condition estimate and what to change.
     ///
     /// # Cost
-    /// 2N³/3 multiply-adds, once; N(N+1)/2 numbers kept.
+    /// N³/3 multiply-adds, once: seconds at N = 4096. N² numbers while it works, of which N(N+1)/2 stay beside it at its
+    /// end: at N = 8000, 512 MB and 256 MB.
     pub fn new(
         kernel: Kernel,
         length_scale: &LengthScale,
@@ -159,27 +161,27 @@ impl NativeSpace {
             unit: VectorUnit::of_this_machine(),
             centers,
         };
-        let mut gram = space.gram();
+        let mut factor = space.lower_gram();
         for i in 0..n {
-            gram[(i, i)] += nugget * space.value_at_zero;
+            factor[(i, i)] += nugget * space.value_at_zero;
         }
         // A pivot of the size of the rounding errors of the ones before it carries no information.
         let smallest_pivot = (n as f64 * f64::EPSILON * space.value_at_zero).sqrt();
-        let factor = gram.clone().cholesky().map(|cholesky| cholesky.unpack());
-        let Some(factor) = factor.filter(|r| r.diagonal().iter().all(|&pivot| pivot > smallest_pivot)) else {
-            return Err(space.not_positive_definite(&gram));
-        };
-        let inverse =
-            factor.solve_lower_triangular(&DMatrix::identity(n, n)).expect("the pivots are positive");
-        space.inverse_factor = PackedFactor::new(&inverse);
-        space.gram_condition =
-            largest_eigenvalue(n, |x| &gram * x) * largest_eigenvalue(n, |x| inverse.tr_mul(&(&inverse * x)));
+        let is_factored = cholesky::factor(&mut factor).is_some();
+        if !(is_factored && factor.diagonal().iter().all(|&pivot| pivot > smallest_pivot)) {
+            return Err(space.not_positive_definite());
+        }
+        let largest = largest_eigenvalue(n, |x| times(&factor, &transposed_times(&factor, x)));
+        cholesky::invert(&mut factor);
+        let smallest = largest_eigenvalue(n, |x| transposed_times(&factor, &times(&factor, x))).recip();
+        space.gram_condition = largest / smallest;
+        space.inverse_factor = PackedFactor::new(&factor);
         Ok(space)
     }
 
-    fn not_positive_definite(&self, gram: &DMatrix<f64>) -> DesignError {
-        let largest = largest_eigenvalue(gram.nrows(), |x| gram * x);
-        let condition = largest / (gram.nrows() as f64 * f64::EPSILON * self.value_at_zero);
+    fn not_positive_definite(&self) -> DesignError {
+        let (n, gram) = (self.n_centers(), self.gram());
+        let condition = largest_eigenvalue(n, |x| &gram * x) / (n as f64 * f64::EPSILON * self.value_at_zero);
         let pair = match self.centers.closest_pair(&self.kernel.inverse_length_scales) {
             Some((a, b, distance)) => {
                 format!("the closest pair, centers {a} and {b}, is {distance:.3e} length scales apart")
@@ -198,8 +200,21 @@ impl NativeSpace {
     /// K: `K_ij = 𝔎(ξ_i, ξ_j)`, N×N, without nugget. The paper's Gram matrix 𝕂 of the vector-valued kernel is
     /// K ⊗ I_m.
     pub fn gram(&self) -> DMatrix<f64> {
+        let mut gram = self.lower_gram();
+        gram.fill_upper_triangle_with_lower_triangle();
+        gram
+    }
+
+    /// The lower triangle of K, with zeros above.
+    fn lower_gram(&self) -> DMatrix<f64> {
         let points: Vec<_> = self.centers.points().collect();
-        DMatrix::from_fn(points.len(), points.len(), |i, j| self.kernel.value(points[i], points[j]))
+        let mut gram = DMatrix::zeros(points.len(), points.len());
+        for (j, mut column) in gram.column_iter_mut().enumerate() {
+            for (entry, xi) in column.iter_mut().zip(&points).skip(j) {
+                *entry = self.kernel.value(xi, points[j]);
+            }
+        }
+        gram
     }
 
     /// N.
@@ -227,7 +242,7 @@ impl NativeSpace {
         self.value_at_zero
     }
 
-    /// The spectral condition number of K, estimated by power iteration (relative error about 1e-6).
+    /// The spectral condition number of K, to about 1e-6 of itself.
     pub fn gram_condition(&self) -> f64 {
         self.gram_condition
     }
@@ -282,10 +297,20 @@ impl NativeSpace {
     pub fn sup_power_function(&self) -> Supremum {
         let n = self.n_centers();
         let mut buffers = FeatureBuffers::new(self);
+        let mut kernel_vectors = vec![[0.0; POINTS]; self.n_padded()];
+        let mut power_functions = |points: &[Vec<f64>]| -> Vec<f64> {
+            for (p, y) in points.iter().enumerate() {
+                self.unit.run(KernelVector { space: self, y, kernel_vector: &mut buffers.kernel_vector });
+                kernel_vectors.iter_mut().zip(&buffers.kernel_vector).for_each(|(all, &one)| all[p] = one);
+            }
+            let factor = &self.inverse_factor;
+            let squares = self.unit.run(SquaresOfProducts { factor, x: &kernel_vectors });
+            squares[..points.len()].iter().map(|&squares| self.power_function(squares)).collect()
+        };
         let found = self.search(
             |rho| (2.0 * (self.value_at_zero - self.kernel.radial.value(rho))).max(0.0).sqrt(),
             n * n,
-            |y| self.power_function(self.features(y, &mut buffers)),
+            |points| points.chunks(POINTS).flat_map(&mut power_functions).collect(),
         );
         // Nowhere is it more than far from all centers.
         Supremum { upper_bound: found.upper_bound.min(self.value_at_zero.sqrt()), ..found }
@@ -293,11 +318,13 @@ impl NativeSpace {
 
     /// The fill distance `h = sup_y min_j |y − ξ_j|` over the box of the centers, in length scales.
     pub fn fill_distance(&self) -> Supremum {
-        let scales = &self.kernel.inverse_length_scales;
-        let nearest = |y: &[f64]| {
-            self.centers.points().map(|xi| weighted_distance(y, xi, scales)).fold(f64::INFINITY, f64::min)
+        let mut buffers = FeatureBuffers::new(self);
+        let mut nearest = |y: &Vec<f64>| {
+            let squares = &mut buffers.kernel_vector;
+            self.unit.run(SquaredDistances { space: self, y, squares });
+            least(&squares[..self.n_centers()]).sqrt()
         };
-        self.search(|rho| rho, self.n_centers(), nearest)
+        self.search(|rho| rho, self.n_centers(), |points| points.iter().map(&mut nearest).collect())
     }
 
     /// The separation distance `q = ½ min_{i≠j} |ξ_i − ξ_j|`, in length scales; `None` for a single center.
@@ -305,15 +332,20 @@ impl NativeSpace {
         self.centers.closest_pair(&self.kernel.inverse_length_scales).map(|(_, _, distance)| 0.5 * distance)
     }
 
-    fn search(&self, modulus: impl Fn(f64) -> f64, cost: usize, f: impl FnMut(&[f64]) -> f64) -> Supremum {
-        // Half a second or so on a slow core, whatever N is.
+    fn search(
+        &self,
+        modulus: impl Fn(f64) -> f64,
+        cost: usize,
+        values: impl FnMut(&[Vec<f64>]) -> Vec<f64>,
+    ) -> Supremum {
+        // Half a second or so on a slow core up to N = 1000; beyond, the power function takes as N²: seconds at 4096.
         let most_evaluations = (400_000_000 / cost.max(1)).clamp(1000, 100_000);
         supremum_over_box(
             self.bounding_box(),
             &self.kernel.inverse_length_scales,
             modulus,
             most_evaluations,
-            f,
+            values,
         )
     }
 
@@ -393,6 +425,49 @@ impl FeatureBuffers {
     }
 }
 
+/// |y − ξ_j|² of all centers, in length scales; beyond N they mean nothing.
+struct SquaredDistances<'a> {
+    space: &'a NativeSpace,
+    y: &'a [f64],
+    squares: &'a mut [f64],
+}
+
+impl VectorLoop for SquaredDistances<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn call<S: Simd>(self, _: S) {
+        let Self { space, y, squares } = self;
+        squares.fill(0.0);
+        let axes = space.scaled_coordinates.iter().zip(&space.kernel.inverse_length_scales);
+        for ((coordinates, scale), y) in axes.zip(y) {
+            let y = y * scale;
+            for (square, x) in squares.iter_mut().zip(coordinates) {
+                let distance = x - y;
+                *square = multiply_add::<S>(distance, distance, *square);
+            }
+        }
+    }
+}
+
+/// k(y); what is beyond N meets zeros of the factor.
+struct KernelVector<'a> {
+    space: &'a NativeSpace,
+    y: &'a [f64],
+    kernel_vector: &'a mut [f64],
+}
+
+impl VectorLoop for KernelVector<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn call<S: Simd>(self, simd: S) {
+        let Self { space, y, kernel_vector } = self;
+        SquaredDistances { space, y, squares: kernel_vector }.call(simd);
+        space.kernel.radial.replace_squares::<S>(kernel_vector);
+    }
+}
+
 /// k(y), φ = R⁻¹ k(y) and φᵀφ in one go.
 struct Features<'a> {
     space: &'a NativeSpace,
@@ -407,38 +482,20 @@ impl VectorLoop for Features<'_> {
     fn call<S: Simd>(self, simd: S) -> f64 {
         let Self { space, y, buffers } = self;
         let FeatureBuffers { kernel_vector, features } = buffers;
-        kernel_vector.fill(0.0);
-        for ((coordinates, scale), y) in
-            space.scaled_coordinates.iter().zip(&space.kernel.inverse_length_scales).zip(y)
-        {
-            let y = y * scale;
-            for (square, x) in kernel_vector.iter_mut().zip(coordinates) {
-                let distance = x - y;
-                *square = multiply_add::<S>(distance, distance, *square);
-            }
-        }
-        space.kernel.radial.replace_squares::<S>(kernel_vector);
+        KernelVector { space, y, kernel_vector }.call(simd);
         let product = Product { factor: &space.inverse_factor, x: kernel_vector, product: features };
         product.call(simd)
     }
 }
 
-/// The largest eigenvalue of a symmetric positive semidefinite matrix, by power iteration.
-fn largest_eigenvalue(n: usize, multiply: impl Fn(&DMatrix<f64>) -> DMatrix<f64>) -> f64 {
-    // No symmetry of a lattice can make this start orthogonal to the dominant eigenvector for long.
-    let mut x = DMatrix::from_fn(n, 1, |i, _| 1.0 + ((i * 7919) % 1013) as f64 / 1013.0);
-    let mut eigenvalue = 0.0;
-    for _ in 0..500 {
-        x /= x.norm();
-        let next = multiply(&x);
-        let estimate = x.dot(&next);
-        let settled = (estimate - eigenvalue).abs() <= 1e-9 * estimate;
-        (x, eigenvalue) = (next, estimate);
-        if settled {
-            break;
-        }
+/// The smallest of some numbers, eight at a time.
+fn least(numbers: &[f64]) -> f64 {
+    let (eights, rest) = numbers.as_chunks::<8>();
+    let mut least = [f64::INFINITY; 8];
+    for eight in eights {
+        least.iter_mut().zip(eight).for_each(|(least, &x)| *least = if x < *least { x } else { *least });
     }
-    eigenvalue
+    least.iter().chain(rest).fold(f64::INFINITY, |least, &x| least.min(x))
 }
 
 #[cfg(test)]

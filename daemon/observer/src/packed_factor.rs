@@ -47,41 +47,124 @@ pub(crate) struct Product<'a> {
     pub(crate) product: &'a mut [f64],
 }
 
+/// Four sums for each of the eight rows of a panel: one multiply-add takes as long as four of them take to start. Of
+/// the LANES registers of each as many are used as hold eight numbers.
+type Sums<S> = [[<S as Simd>::f64s; LANES]; 4];
+
 impl VectorLoop for Product<'_> {
     type Output = f64;
 
     #[inline(always)]
     fn call<S: Simd>(self, simd: S) -> f64 {
         let zero = simd.splat_f64s(0.0);
-        let mut rest = self.factor.panels.as_slice();
         let mut squares = zero;
+        let mut rest = self.factor.panels.as_slice();
         let (products, _) = self.product.as_chunks_mut::<LANES>();
-        for (panel, product) in products.iter_mut().enumerate() {
-            let (columns, below) = rest.split_at(LANES * (panel + 1));
-            let x = &self.x[..LANES * (panel + 1)];
-            // Four sums at a time: one multiply-add takes as long as four of them take to start. Of the LANES registers
-            // of each as many are used as hold eight numbers here.
+        // Where there are registers enough, two panels at a time: two streams come out of the memory faster than one, by
+        // a tenth where the factor is larger than the caches.
+        let registers_of_pair = 2 * 4 * LANES / S::F64_LANES;
+        let n_paired = if registers_of_pair < S::REGISTER_COUNT { products.len() & !1 } else { 0 };
+        let (paired, single) = products.split_at_mut(n_paired);
+        for (pair, [upper_product, lower_product]) in paired.as_chunks_mut::<2>().0.iter_mut().enumerate() {
+            let n_columns = LANES * (2 * pair + 1);
+            let (upper, below) = rest.split_at(n_columns);
+            let (lower, below) = below.split_at(n_columns + LANES);
+            let (x, next_x) = self.x[..n_columns + LANES].split_at(n_columns);
+            let (beside_upper, under_diagonal) = lower.split_at(n_columns);
+            let (mut upper_sums, mut lower_sums) = ([[zero; LANES]; 4], [[zero; LANES]; 4]);
+            for ((upper, lower), x) in fours(upper).iter().zip(fours(beside_upper)).zip(fours(x)) {
+                add_columns(simd, &mut upper_sums, upper, x);
+                add_columns(simd, &mut lower_sums, lower, x);
+            }
+            for (lower, x) in fours(under_diagonal).iter().zip(fours(next_x)) {
+                add_columns(simd, &mut lower_sums, lower, x);
+            }
+            squares = total(simd, &upper_sums, upper_product, squares);
+            squares = total(simd, &lower_sums, lower_product, squares);
+            rest = below;
+        }
+        for (panel, product) in single.iter_mut().enumerate() {
+            let (columns, below) = rest.split_at(LANES * (n_paired + panel + 1));
             let mut sums = [[zero; LANES]; 4];
-            for (columns, x) in columns.as_chunks::<4>().0.iter().zip(x.as_chunks::<4>().0) {
-                for ((sums, column), &x) in sums.iter_mut().zip(columns).zip(x) {
-                    let (column, _) = S::as_simd_f64s(&column.0);
+            for (columns, x) in fours(columns).iter().zip(fours(self.x)) {
+                add_columns(simd, &mut sums, columns, x);
+            }
+            squares = total(simd, &sums, product, squares);
+            rest = below;
+        }
+        simd.reduce_sum_f64s(squares)
+    }
+}
+
+#[inline(always)]
+fn fours<T>(slice: &[T]) -> &[[T; 4]] {
+    slice.as_chunks().0
+}
+
+/// Adds four columns of a panel, each times its entry of x, to its four sums.
+#[inline(always)]
+fn add_columns<S: Simd>(simd: S, sums: &mut Sums<S>, columns: &[Lanes; 4], x: &[f64; 4]) {
+    for ((sums, column), &x) in sums.iter_mut().zip(columns).zip(x) {
+        let (column, _) = S::as_simd_f64s(&column.0);
+        let x = simd.splat_f64s(x);
+        for (sum, &entries) in sums.iter_mut().zip(column) {
+            *sum = simd.mul_add_e_f64s(entries, x, *sum);
+        }
+    }
+}
+
+/// The four sums' total into a panel's product, and its squares.
+#[inline(always)]
+fn total<S: Simd>(simd: S, sums: &Sums<S>, product: &mut [f64; LANES], squares: S::f64s) -> S::f64s {
+    let [first, second, third, fourth] = sums;
+    let (product, _) = S::as_mut_simd_f64s(product);
+    let mut squares = squares;
+    for (i, entries) in product.iter_mut().enumerate() {
+        let sum = simd.add_f64s(simd.add_f64s(first[i], second[i]), simd.add_f64s(third[i], fourth[i]));
+        *entries = sum;
+        squares = simd.mul_add_e_f64s(sum, sum, squares);
+    }
+    squares
+}
+
+/// Points whose features are found together.
+pub(crate) const POINTS: usize = 8;
+
+/// φᵀφ, φ = T k, of several k in one pass over the factor: entry j of all of them, then entry j + 1, in whole lanes.
+pub(crate) struct SquaresOfProducts<'a> {
+    pub(crate) factor: &'a PackedFactor,
+    pub(crate) x: &'a [[f64; POINTS]],
+}
+
+impl VectorLoop for SquaresOfProducts<'_> {
+    type Output = [f64; POINTS];
+
+    #[inline(always)]
+    fn call<S: Simd>(self, simd: S) -> [f64; POINTS] {
+        let zero = simd.splat_f64s(0.0);
+        let mut squares = [zero; POINTS];
+        let mut rest = self.factor.panels.as_slice();
+        for panel in 0..self.x.len() / LANES {
+            let (columns, below) = rest.split_at(LANES * (panel + 1));
+            let mut sums = [[zero; LANES]; POINTS];
+            for (column, x) in columns.iter().zip(self.x) {
+                let (column, _) = S::as_simd_f64s(&column.0);
+                for (sums, &x) in sums.iter_mut().zip(x) {
                     let x = simd.splat_f64s(x);
                     for (sum, &entries) in sums.iter_mut().zip(column) {
                         *sum = simd.mul_add_e_f64s(entries, x, *sum);
                     }
                 }
             }
-            let (product, _) = S::as_mut_simd_f64s(product);
-            let [first, second, third, fourth] = sums;
-            for (i, entries) in product.iter_mut().enumerate() {
-                let sum =
-                    simd.add_f64s(simd.add_f64s(first[i], second[i]), simd.add_f64s(third[i], fourth[i]));
-                *entries = sum;
-                squares = simd.mul_add_e_f64s(sum, sum, squares);
+            let registers = LANES / S::F64_LANES;
+            for (squares, sums) in squares.iter_mut().zip(&sums) {
+                for &sum in &sums[..registers] {
+                    *squares = simd.mul_add_e_f64s(sum, sum, *squares);
+                }
             }
             rest = below;
         }
-        simd.reduce_sum_f64s(squares)
+        squares.map(|squares| simd.reduce_sum_f64s(squares))
     }
 }
 
@@ -134,7 +217,7 @@ mod tests {
 
     #[test]
     fn the_product_is_that_of_the_triangle() {
-        for n in [1, 7, 8, 9, 27, 64, 125] {
+        for n in [1, 7, 8, 9, 17, 27, 64, 125] {
             let matrix = DMatrix::from_fn(n, n, |i, j| ((i * 31 + j * 17) % 23) as f64 / 23.0 - 0.4);
             let factor = PackedFactor::new(&matrix);
             let mut x = vec![0.0; whole_lanes(n)];
@@ -149,6 +232,13 @@ mod tests {
                 }
                 assert!(product[n..].iter().all(|&rest| rest == 0.0));
                 assert!((squares - expected.norm_squared()).abs() <= 1e-12 * expected.norm_squared());
+                // The same vector, times 0 to 7.
+                let several: Vec<_> = x.iter().map(|x| std::array::from_fn(|p| p as f64 * x)).collect();
+                let found = unit.run(SquaresOfProducts { factor: &factor, x: &several });
+                for (p, found) in found.into_iter().enumerate() {
+                    let expected = (p * p) as f64 * expected.norm_squared();
+                    assert!((found - expected).abs() <= 1e-12 * expected, "n {n}, {p} times");
+                }
             }
         }
     }
