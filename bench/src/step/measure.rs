@@ -6,8 +6,8 @@ use super::kalman::DisturbanceFilter;
 use super::literal::{LiteralChannel, check_agreement};
 use super::memory::MemoryProbe;
 use super::online_kernel::OnlineKernelMethod;
-use super::report::{QUANTILES, Rival, Row};
-use super::{StepArguments, Subject};
+use super::report::{QUANTILES, Rival, Row, YARDSTICK};
+use super::{Solver, StepArguments, Subject};
 use indicatif::ProgressBar;
 use nalgebra::Vector3;
 use rustix::time::{ClockId, clock_gettime};
@@ -151,6 +151,19 @@ pub(super) fn measure(
         Contestant::warmed_up(step, BATCH_NS, most_at_once)
     });
     let mut kalman_turns = Contestant::warmed_up(|i| kalman.step(output(i)), BATCH_NS, most_at_once);
+    // What the local solver is measured against.
+    let mut yardstick = match subject.solver {
+        Solver::Dense => None,
+        Solver::Local(_) => Some(Subject::dense(YARDSTICK)?.channel),
+    };
+    let mut yardstick_estimate = Vector3::zeros();
+    let mut yardstick = yardstick.as_mut().map(|channel| {
+        let step = |i| {
+            yardstick_estimate =
+                channel.step(black_box(&yardstick_estimate), output(i), black_box(&INPUT), STEP_S);
+        };
+        Contestant::warmed_up(step, BATCH_NS, most_at_once)
+    });
     let mut reading = Contestant::warmed_up(|_| memory.read(), BATCH_NS, most_at_once);
 
     let start_of_bar = progress.position();
@@ -164,7 +177,8 @@ pub(super) fn measure(
         }
         ours.batch = ours.batch.min(n_samples - ours.samples_ns.len());
         ours.run_batch();
-        for rival in literal.iter_mut().chain(&mut krls).chain([&mut kalman_turns, &mut reading]) {
+        let others = literal.iter_mut().chain(&mut krls).chain(&mut yardstick);
+        for rival in others.chain([&mut kalman_turns, &mut reading]) {
             rival.run_batch();
         }
     }
@@ -187,6 +201,7 @@ pub(super) fn measure(
         literal_force_difference,
         krls: krls.map(Contestant::rival).map_err(|reason| reason.clone()),
         kalman: kalman_turns.rival(),
+        yardstick: yardstick.map(Contestant::rival),
     };
     kalman.check()?;
     Ok(row)

@@ -49,7 +49,12 @@ pub(super) struct Row {
     pub(super) literal_force_difference: Option<f64>,
     pub(super) krls: Result<Rival, String>,
     pub(super) kalman: Rival,
+    /// The dense step of [`YARDSTICK`] centers, in turns with a local one.
+    pub(super) yardstick: Option<Rival>,
 }
+
+/// Centers of the dense step that the local solver is measured against: the paper's.
+pub(super) const YARDSTICK: usize = 27;
 
 impl Row {
     pub(super) fn median_ns(&self) -> f64 {
@@ -77,6 +82,7 @@ impl Row {
         if let Solver::Local(block) = self.solver {
             put("block".into(), json!(block));
             put("predicted_error".into(), json!(self.predicted_error));
+            put(format!("dense_{YARDSTICK}_ratio"), json!(self.yardstick.map(|dense| self.ratio(&dense))));
         }
         for (key, value) in [
             ("n_centers", json!(self.n_centers)),
@@ -181,48 +187,7 @@ const LEAST_CORE_SHARE: f64 = 0.97;
 /// What the rows say, a sentence each.
 fn findings(rows: &[Row]) -> Vec<String> {
     let mut findings = Vec::new();
-    for solver in [Solver::Dense] {
-        let mut rows: Vec<_> = rows.iter().filter(|row| row.solver == solver).collect();
-        rows.sort_by_key(|row| row.n_centers);
-        rows.dedup_by_key(|row| row.n_centers);
-        let growth = |pair: &[&Row]| {
-            let exponent = exponent(pair[0], pair[1], Row::median_ns);
-            format!("{exponent:.2} ({} to {})", pair[0].n_centers, pair[1].n_centers)
-        };
-        let exponents: Vec<_> = rows.windows(2).map(growth).collect();
-        if !exponents.is_empty() {
-            findings.push(format!("A {solver} step grows as N to the {}.", exponents.join(", ")));
-        }
-        if let Some(largest) = rows.last() {
-            findings.push(format!(
-                "At N = {} it takes {} µs and reads at {:.0} % of the memory's {:.1} GB/s; set up in {:.1} s.",
-                largest.n_centers,
-                three_digits(1e-3 * largest.median_ns()),
-                100.0 * largest.memory_share(),
-                largest.memory_gb_per_s,
-                largest.set_up_s
-            ));
-        }
-        let between = |name: &str, rivals: Vec<(usize, f64)>| {
-            let (first, last) = (rivals.first()?, rivals.last()?);
-            let mut sentence = format!("{name} takes {} our time at N = {}", times(first.1), first.0);
-            if rivals.len() > 1 {
-                sentence += &format!(", {} at N = {}", times(last.1), last.0);
-            }
-            Some(sentence + ".")
-        };
-        let ratios = |rival: &dyn Fn(&Row) -> Option<Rival>| {
-            let ratio = |row: &&Row| Some((row.n_centers, row.ratio(&rival(row)?)));
-            rows.iter().filter_map(ratio).collect::<Vec<_>>()
-        };
-        findings.extend(between("The literal formula", ratios(&|row| row.literal.clone().ok())));
-        findings.extend(between("KRLS", ratios(&|row| row.krls.clone().ok())));
-        findings.extend(between("The Kalman filter", ratios(&|row| Some(row.kalman))));
-        if let Some(n) = crossing(&rows) {
-            findings
-                .push(format!("A {solver} step costs as much as the Kalman filter's at about N = {n:.0}."));
-        }
-    }
+    findings.extend(dense_findings(rows));
     findings.extend(local_findings(rows));
     if let Some(worst) = rows.iter().filter_map(|row| row.literal_force_difference).reduce(f64::max) {
         findings.push(format!("The literal force and ours differ by at most {worst:.1e} of the force."));
@@ -240,31 +205,71 @@ fn findings(rows: &[Row]) -> Vec<String> {
     findings
 }
 
-/// How the local steps grow, and what they are beside the smallest dense one.
-fn local_findings(rows: &[Row]) -> Vec<String> {
-    let dense = rows.iter().filter(|row| row.solver == Solver::Dense).min_by_key(|row| row.n_centers);
-    let of_block = |solver: Solver| {
-        let of_solver = || rows.iter().filter(move |row| row.solver == solver);
-        let smallest = of_solver().min_by_key(|row| row.n_centers)?;
-        let largest = of_solver().max_by_key(|row| row.n_centers)?;
-        let growth = largest.median_ns() / smallest.median_ns();
-        let mut sentence = format!(
-            "From {} to {} centers a {solver} step takes ×{}",
-            smallest.n_centers,
+/// How the dense steps grow, and what they are beside the other contestants.
+fn dense_findings(rows: &[Row]) -> Vec<String> {
+    let mut findings = Vec::new();
+    let mut rows: Vec<_> = rows.iter().filter(|row| row.solver == Solver::Dense).collect();
+    rows.sort_by_key(|row| row.n_centers);
+    rows.dedup_by_key(|row| row.n_centers);
+    let growth = |pair: &[&Row]| {
+        let exponent = exponent(pair[0], pair[1], Row::median_ns);
+        format!("{exponent:.2} ({} to {})", pair[0].n_centers, pair[1].n_centers)
+    };
+    let exponents: Vec<_> = rows.windows(2).map(growth).collect();
+    if !exponents.is_empty() {
+        findings.push(format!("A dense step grows as N to the {}.", exponents.join(", ")));
+    }
+    if let Some(largest) = rows.last() {
+        findings.push(format!(
+            "At N = {} it takes {} µs and reads at {:.0} % of the memory's {:.1} GB/s; set up in {:.1} s.",
             largest.n_centers,
-            three_digits(growth)
-        );
-        if let Some(dense) = dense {
-            let ratio = largest.median_ns() / dense.median_ns();
-            sentence +=
-                &format!(", in the end ×{} the dense one of {}", three_digits(ratio), dense.n_centers);
-        }
-        if let Some(error) = largest.predicted_error {
-            sentence += &format!("; error about {error:.1e} of the force (RMS, random updates)");
+            three_digits(1e-3 * largest.median_ns()),
+            100.0 * largest.memory_share(),
+            largest.memory_gb_per_s,
+            largest.set_up_s
+        ));
+    }
+    let between = |name: &str, rivals: Vec<(usize, f64)>| {
+        let (first, last) = (rivals.first()?, rivals.last()?);
+        let mut sentence = format!("{name} takes {} our time at N = {}", times(first.1), first.0);
+        if rivals.len() > 1 {
+            sentence += &format!(", {} at N = {}", times(last.1), last.0);
         }
         Some(sentence + ".")
     };
-    Solver::ALL.into_iter().filter(|solver| *solver != Solver::Dense).filter_map(of_block).collect()
+    let ratios = |rival: &dyn Fn(&Row) -> Option<Rival>| {
+        let ratio = |row: &&Row| Some((row.n_centers, row.ratio(&rival(row)?)));
+        rows.iter().filter_map(ratio).collect::<Vec<_>>()
+    };
+    findings.extend(between("The literal formula", ratios(&|row| row.literal.clone().ok())));
+    findings.extend(between("KRLS", ratios(&|row| row.krls.clone().ok())));
+    findings.extend(between("The Kalman filter", ratios(&|row| Some(row.kalman))));
+    if let Some(n) = crossing(&rows) {
+        findings.push(format!("A dense step costs as much as the Kalman filter's at about N = {n:.0}."));
+    }
+    findings
+}
+
+/// How the local steps grow, and what they are beside the dense one that took turns with them.
+fn local_findings(rows: &[Row]) -> Vec<String> {
+    let of_block = |solver: Solver| {
+        let mut rows: Vec<_> = rows.iter().filter(|row| row.solver == solver).collect();
+        rows.sort_by_key(|row| row.n_centers);
+        let (smallest, largest) = (rows.first()?, rows.last()?);
+        let dense_ones = |row: &Row| Some(row.ratio(&row.yardstick?).recip());
+        let (first, last) = (dense_ones(smallest)?, dense_ones(largest)?);
+        Some(format!(
+            "A {solver} step of {} centers takes ×{} the dense one of {YARDSTICK}, of {} centers ×{}: ×{}. Its error is about \
+             {:.1e} of the force (RMS, random updates).",
+            smallest.n_centers,
+            three_digits(first),
+            largest.n_centers,
+            three_digits(last),
+            three_digits(last / first),
+            largest.predicted_error?,
+        ))
+    };
+    Solver::ALL.into_iter().filter_map(of_block).collect()
 }
 
 /// p of N^p through two rows.
@@ -324,6 +329,7 @@ pub(super) mod tests {
             literal_force_difference: None,
             krls: Err("not asked for".into()),
             kalman: Rival { median_ns: 400, samples: 10 },
+            yardstick: None,
         }
     }
 
@@ -358,5 +364,23 @@ pub(super) mod tests {
             assert!(found.contains(expected), "{expected}\nnot in\n{found}");
         }
         assert!(!found.contains("KRLS"), "{found}");
+    }
+
+    #[test]
+    fn local_steps_are_held_against_the_dense_one_that_took_turns() {
+        let local = |n_centers, median_ns, dense_ns| Row {
+            solver: Solver::Local(4),
+            quantiles_ns: [median_ns; QUANTILES.len()],
+            predicted_error: Some(2e-3),
+            yardstick: Some(Rival { median_ns: dense_ns, samples: 10 }),
+            ..row(n_centers)
+        };
+        let found = findings(&[local(512, 2000, 200), local(1_000_000, 3300, 300)]).join("\n");
+        let expected = "A local 4³ step of 512 centers takes ×10.0 the dense one of 27, of 1000000 centers ×11.0: ×1.10. \
+                        Its error is about 2.0e-3 of the force";
+        assert!(found.contains(expected), "{found}");
+        let document = local(512, 2000, 200).document();
+        assert_eq!((&document["solver"], &document["block"]), (&json!("local"), &json!(4)));
+        assert_eq!(document["dense_27_ratio"], 0.1);
     }
 }
