@@ -119,6 +119,11 @@ pub(super) fn measure(
         OnlineKernelMethod::new(subject.channel.law.space().centers()).map_err(|error| error.to_string())
     });
     let mut kalman = DisturbanceFilter::new();
+    // What the local solver is measured against.
+    let mut dense_27 = match subject.solver {
+        Solver::Dense => None,
+        Solver::Local(_) => Some(Subject::dense(YARDSTICK)?.channel),
+    };
 
     let channel = &mut subject.channel;
     let (mut estimate, mut literal_estimate) = (Vector3::zeros(), Vector3::zeros());
@@ -151,13 +156,8 @@ pub(super) fn measure(
         Contestant::warmed_up(step, BATCH_NS, most_at_once)
     });
     let mut kalman_turns = Contestant::warmed_up(|i| kalman.step(output(i)), BATCH_NS, most_at_once);
-    // What the local solver is measured against.
-    let mut yardstick = match subject.solver {
-        Solver::Dense => None,
-        Solver::Local(_) => Some(Subject::dense(YARDSTICK)?.channel),
-    };
     let mut yardstick_estimate = Vector3::zeros();
-    let mut yardstick = yardstick.as_mut().map(|channel| {
+    let mut yardstick = dense_27.as_mut().map(|channel| {
         let step = |i| {
             yardstick_estimate =
                 channel.step(black_box(&yardstick_estimate), output(i), black_box(&INPUT), STEP_S);
