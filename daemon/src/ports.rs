@@ -94,6 +94,10 @@ impl LoopPorts {
         let _ = self.estimate.update_connections();
         if self.loan.is_none() {
             self.loan = self.estimate.loan_uninit().ok();
+            if let Some(loan) = &mut self.loan {
+                // Its cache lines are with the reader that had it last: they shall be back before the next tick.
+                loan.payload_mut().write(Estimate::default());
+            }
         }
     }
 }
