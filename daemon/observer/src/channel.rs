@@ -285,7 +285,7 @@ pub(crate) fn positive_definite(parameter: Parameter, matrix: &DMatrix<f64>) -> 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::DeadZoneShape;
+    use crate::{DeadZoneShape, LocalSolver};
     use nalgebra::{DMatrix, DVector};
 
     fn design() -> ChannelDesign {
@@ -354,6 +354,41 @@ mod tests {
         let norm = (alpha.transpose() * gram * &alpha).trace().sqrt();
         assert!((channel.law.native_norm() / norm - 1.0).abs() < 1e-10);
         assert!(norm > 1.0, "it learned something: {norm}");
+    }
+
+    /// In the loop, where each estimate depends on all that was learned before: a drag that nobody modelled.
+    #[test]
+    fn the_local_solver_learns_what_the_dense_one_learns() {
+        let channel = |solver| {
+            let centers = Centers::lattice([-1.5; 3], [1.5; 3], [8, 7, 6]).unwrap();
+            Channel::new(&ChannelDesign { centers, solver, ..design() }).unwrap()
+        };
+        let local = LocalSolver { block: Some(6), ..LocalSolver::default() };
+        let mut dense = channel(Solver::Dense);
+        let mut local = channel(Solver::Local(local));
+        let (mut by_dense, mut by_local) = (Vector3::zeros(), Vector3::zeros());
+        let (mut difference, mut learned, mut estimate) = (0.0_f64, 0.0_f64, 0.0_f64);
+        for j in 0..6000 {
+            // y moves as it does whatever is estimated; u is the force that this takes, but for a drag.
+            let (y, next) = (output(j), output(j + 1));
+            let drag = -0.8 * y.norm() * y;
+            let input = design().inertia * (next - y) / 0.005 - drag;
+            let step = |channel: &mut Channel, from: &Vector3<f64>| {
+                let next = channel.step(from, &y, &input, 0.005);
+                (next, channel.law.matched_force(&crate::Learning::none()))
+            };
+            let (exact, found);
+            (by_dense, exact) = step(&mut dense, &by_dense);
+            (by_local, found) = step(&mut local, &by_local);
+            if j > 3000 {
+                difference = difference.max((exact.value - found.value).norm());
+                learned = learned.max(exact.value.norm());
+                estimate = estimate.max(found.error);
+            }
+        }
+        assert!(learned > 1.0, "{learned}");
+        assert!(difference < 0.01 * learned, "{difference} of {learned}");
+        assert!(difference > 0.0 && estimate > difference, "{difference}, at most {estimate} expected");
     }
 
     /// The exact step against RK4 of the differential equation with 1000 substeps.
