@@ -186,7 +186,7 @@ fn the_automatic_solver_goes_by_the_number_of_centers() {
         estimator.rigid_body.unwrap().translation().unwrap().solver().to_string()
     };
     assert_eq!(solver(3), "dense, exact");
-    assert!(solver(11).contains("local, from a block of"), "{}", solver(11));
+    assert!(solver(13).contains("local, from a block of"), "{}", solver(13));
 }
 
 #[test]

@@ -16,7 +16,7 @@ const STRIP: usize = 256;
 ///
 /// # Cost
 /// N³/6 multiply-adds.
-pub(crate) fn factor(matrix: &mut DMatrix<f64>) -> Option<()> {
+fn factor(matrix: &mut DMatrix<f64>) -> Option<()> {
     let n = matrix.nrows();
     for start in (0..n).step_by(BLOCK) {
         let (width, end) = (BLOCK.min(n - start), n.min(start + BLOCK));
@@ -29,6 +29,23 @@ pub(crate) fn factor(matrix: &mut DMatrix<f64>) -> Option<()> {
         block.rows_range_mut(end..).copy_from(&below);
     }
     Some(())
+}
+
+/// As [`factor`]; `None` also where a pivot is no larger than the rounding errors of the ones before it, and carries no
+/// information.
+pub(crate) fn factor_regular(matrix: &mut DMatrix<f64>) -> Option<()> {
+    let smallest_pivot = (matrix.nrows() as f64 * f64::EPSILON * matrix.amax()).sqrt();
+    factor(matrix)?;
+    matrix.diagonal().iter().all(|&pivot| pivot > smallest_pivot).then_some(())
+}
+
+/// R⁻¹ in place of R, and the smallest and the largest eigenvalue of K, to about 1e-6 of themselves.
+pub(crate) fn invert_and_bound(factor: &mut DMatrix<f64>) -> (f64, f64) {
+    let n = factor.nrows();
+    let largest = largest_eigenvalue(n, |x| times(factor, &transposed_times(factor, x)));
+    invert(factor);
+    let smallest = largest_eigenvalue(n, |x| transposed_times(factor, &times(factor, x))).recip();
+    (smallest, largest)
 }
 
 /// R⁻¹ in place of R, both with zeros above the diagonal, and a diagonal without.
@@ -58,7 +75,7 @@ fn inverse_of_block(lower: &DMatrix<f64>) -> DMatrix<f64> {
 }
 
 /// T x of a lower triangular T.
-pub(crate) fn times(lower: &DMatrix<f64>, x: &DVector<f64>) -> DVector<f64> {
+fn times(lower: &DMatrix<f64>, x: &DVector<f64>) -> DVector<f64> {
     let mut product = DVector::zeros(x.len());
     for (j, (column, &x)) in lower.column_iter().zip(x).enumerate() {
         product.rows_range_mut(j..).axpy(x, &column.rows_range(j..), 1.0);
@@ -67,7 +84,7 @@ pub(crate) fn times(lower: &DMatrix<f64>, x: &DVector<f64>) -> DVector<f64> {
 }
 
 /// Tᵀ x of a lower triangular T.
-pub(crate) fn transposed_times(lower: &DMatrix<f64>, x: &DVector<f64>) -> DVector<f64> {
+fn transposed_times(lower: &DMatrix<f64>, x: &DVector<f64>) -> DVector<f64> {
     DVector::from_fn(x.len(), |j, _| lower.column(j).rows_range(j..).dot(&x.rows_range(j..)))
 }
 

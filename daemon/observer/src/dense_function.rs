@@ -1,4 +1,5 @@
-//! f̂_N in the orthonormal basis of its native space: exact, at N(N+1)/2 multiply-adds an evaluation.
+//! f̂_N in the orthonormal basis of its native space: exact, at N(N+1)/2 multiply-adds an evaluation, or an eighth of that
+//! on a lattice of three axes.
 //!
 //! ```text
 //! f̂(y) = θᵀ φ(y),    θ += φ(y) inᵀ

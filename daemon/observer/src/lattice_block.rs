@@ -1,23 +1,15 @@
 //! A box of lattice points, and one factor for every such box of a lattice.
 //!
 //! A radial kernel does not see where on the lattice a box lies: all boxes of c₁×c₂×c₃ points have the same Gram
-//! matrix. Nor does it see the mirror image of a box in any of its three middle planes. In sums and differences of
-//! mirror images the Gram matrix falls apart into eight blocks of an eighth of the size, so that its factors take
-//! 1/64 of the memory, and a product 1/8 of the multiplications:
-//!
-//! ```text
-//! u_s(o) = Σ_e (−1)^{s·e} v(o, e),    U_s = Σ_{e,e'} (−1)^{s·(e+e')} 𝔎(ξ(o,e), ξ(o',e')) = R_s R_sᵀ
-//! kᵀ K⁻¹ β = Σ_s (R_s⁻¹ u_s(k))ᵀ (R_s⁻¹ u_s(β))
-//! ```
-//!
-//! An *octet* o is a point and its mirror images e ∈ {0,1}³; s ∈ {0,1}³ is a symmetry. The points inside of the outermost
-//! layer, the *core*, come first: the first entries of R⁻¹u are those of the smaller box, the last ones say what the
-//! outermost layer adds.
+//! matrix. In sums and differences of mirror images it falls apart into eight small ones (see [`crate::mirror`]). The
+//! points inside of the outermost layer, the *core*, come first: the first entries of R⁻¹u are those of the smaller
+//! box, the last ones say what the outermost layer adds.
 
 use crate::DesignError;
 use crate::Parameter;
 use crate::kernel::RadialFunction;
 use crate::lanes::{VectorLoop, VectorUnit, whole_lanes};
+use crate::mirror::{MirrorImages, sums_and_differences};
 use crate::packed_factor::{PackedFactor, four_products};
 use nalgebra::DMatrix;
 use pulp::Simd;
@@ -54,55 +46,33 @@ impl LatticeBlock {
         kappa: &RadialFunction,
         nugget: f64,
     ) -> Result<Self, DesignError> {
-        let half = counts.map(|n| n.div_ceil(2));
-        let mut octets: Vec<[usize; 3]> = (0..half[0])
-            .flat_map(|i| (0..half[1]).flat_map(move |j| (0..half[2]).map(move |k| [i, j, k])))
-            .collect();
-        let in_layer =
-            |octet: &[usize; 3]| (0..3).any(|axis| has_layer[axis] && octet[axis] + 1 == half[axis]);
-        octets.sort_by_key(in_layer);
-        let padded = whole_lanes(octets.len());
+        let in_layer = |octet: &[usize; 3]| {
+            (0..3).any(|axis| has_layer[axis] && octet[axis] + 1 == counts[axis].div_ceil(2))
+        };
+        let images = MirrorImages::new(counts, 3, in_layer);
+        let (n_octets, padded) = (images.octets().len(), images.n_padded());
         let mut layer = vec![0.0; padded];
-        for (place, octet) in layer.iter_mut().zip(&octets) {
+        for (place, octet) in layer.iter_mut().zip(images.octets()) {
             *place = f64::from(u8::from(in_layer(octet)));
         }
         let mut points = vec![[0; 3]; IMAGES * padded];
-        for (o, octet) in octets.iter().enumerate() {
-            for image in 0..IMAGES {
-                points[image * padded + o] = std::array::from_fn(|axis| {
-                    let (n, outwards) = (counts[axis], octet[axis]);
-                    let index = match image >> axis & 1 {
-                        0 => (n - 1) / 2 - outwards,
-                        _ => n / 2 + outwards,
-                    };
-                    index as u8
-                });
+        for (image, points) in points.chunks_exact_mut(padded).enumerate() {
+            for (o, point) in points[..n_octets].iter_mut().enumerate() {
+                *point = images.point(image, o).map(|index| index as u8);
             }
         }
         let value_at_zero = kappa.value_at_zero();
-        let kernel = |a: &[u8; 3], b: &[u8; 3]| {
-            let distance = |axis: usize| spacing[axis] * (f64::from(a[axis]) - f64::from(b[axis]));
-            let r = (0..3).map(|axis| distance(axis).powi(2)).sum::<f64>().sqrt();
-            kappa.value(r) + if a == b { nugget * value_at_zero } else { 0.0 }
+        let kernel = |steps: [usize; 3]| {
+            let distances = steps.iter().zip(spacing).map(|(&n, spacing)| n as f64 * spacing);
+            let r = distances.map(|distance| distance.powi(2)).sum::<f64>().sqrt();
+            kappa.value(r) + if steps == [0; 3] { nugget * value_at_zero } else { 0.0 }
         };
         let factor = |symmetry: usize| {
-            // A point in a middle plane is its own image: it has no difference to it.
-            let is_present = |octet: &[usize; 3]| {
-                (0..3).all(|axis| {
-                    symmetry >> axis & 1 == 0 || counts[axis].is_multiple_of(2) || octet[axis] > 0
-                })
-            };
-            let present: Vec<_> = (0..octets.len()).filter(|&o| is_present(&octets[o])).collect();
-            let sign =
-                |image: usize| if (symmetry & image).count_ones().is_multiple_of(2) { 1.0 } else { -1.0 };
-            let gram = DMatrix::from_fn(present.len(), present.len(), |i, j| {
-                let (i, j) = (present[i.max(j)], present[i.min(j)]);
-                // A reflection moves both points alike: one of them need not move.
-                let images = (0..IMAGES).map(|e| sign(e) * kernel(&points[i], &points[e * padded + j]));
-                IMAGES as f64 * images.sum::<f64>()
-            });
-            let inverse = inverse_factor(gram).ok_or_else(|| not_positive_definite(counts, spacing))?;
-            let mut whole = DMatrix::zeros(octets.len(), octets.len());
+            let present = images.present(symmetry);
+            let inverse = images
+                .inverse_factor(symmetry, &present, kernel)
+                .ok_or_else(|| not_positive_definite(counts, spacing))?;
+            let mut whole = DMatrix::zeros(n_octets, n_octets);
             for (i, &row) in present.iter().enumerate() {
                 for (j, &column) in present.iter().enumerate().take(i + 1) {
                     whole[(row, column)] = inverse[(i, j)];
@@ -116,7 +86,7 @@ impl LatticeBlock {
         }
         Ok(Self {
             counts,
-            n_octets: octets.len(),
+            n_octets,
             in_layer: layer,
             points,
             factors,
@@ -159,15 +129,6 @@ impl LatticeBlock {
     pub(crate) fn evaluate(&self, buffers: &mut BlockBuffers) -> BlockEvaluation {
         self.unit.run(Evaluate { block: self, buffers })
     }
-}
-
-/// R⁻¹ of K = R Rᵀ; `None` where K is not numerically positive definite.
-fn inverse_factor(gram: DMatrix<f64>) -> Option<DMatrix<f64>> {
-    let n = gram.nrows();
-    let smallest_pivot = (n as f64 * f64::EPSILON * gram.amax()).sqrt();
-    let factor = gram.cholesky()?.unpack();
-    let is_regular = factor.diagonal().iter().all(|&pivot| pivot > smallest_pivot);
-    is_regular.then(|| factor.solve_lower_triangular(&DMatrix::identity(n, n)))?
 }
 
 fn not_positive_definite(counts: [usize; 3], spacing: [f64; 3]) -> DesignError {
@@ -280,20 +241,6 @@ impl VectorLoop for Evaluate<'_> {
             values: values.map(|value| simd.reduce_sum_f64s(value)),
             squared_layer: layers.into_iter().map(|layer| simd.reduce_sum_f64s(layer)).sum(),
             squared_layer_features: simd.reduce_sum_f64s(layer_features),
-        }
-    }
-}
-
-/// u_s = Σ_e (−1)^{s·e} v_e, in place, axis after axis.
-#[inline(always)]
-fn sums_and_differences(vector: &mut [f64], padded: usize) {
-    for axis in 0..3 {
-        let step = padded << axis;
-        for pair in vector.chunks_exact_mut(2 * step) {
-            let (first, second) = pair.split_at_mut(step);
-            for (a, b) in first.iter_mut().zip(second) {
-                (*a, *b) = (*a + *b, *a - *b);
-            }
         }
     }
 }

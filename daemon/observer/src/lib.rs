@@ -72,6 +72,8 @@ mod learned_function;
 mod linear;
 mod linear_algebra;
 mod lyapunov;
+mod mirror;
+mod mirrored_factor;
 mod native_function;
 mod native_space;
 mod packed_factor;

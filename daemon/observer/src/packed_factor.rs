@@ -29,9 +29,24 @@ impl PackedFactor {
     }
 
     /// T_ij for j ≤ i.
-    pub(crate) fn entry(&self, i: usize, j: usize) -> f64 {
+    fn entry(&self, i: usize, j: usize) -> f64 {
         let panel = i / LANES;
         self.panels[LANES * panel * (panel + 1) / 2 + j].0[i % LANES]
+    }
+
+    /// Tᵀx of the first rows and columns, as many as x has numbers.
+    pub(crate) fn transposed_times(&self, x: &[f64]) -> Vec<f64> {
+        (0..x.len()).map(|j| (j..x.len()).map(|i| self.entry(i, j) * x[i]).sum()).collect()
+    }
+
+    /// T⁻¹y of the first rows and columns, as many as y has numbers.
+    pub(crate) fn solve(&self, y: &[f64]) -> Vec<f64> {
+        let mut x: Vec<f64> = Vec::with_capacity(y.len());
+        for (i, y) in y.iter().enumerate() {
+            let known: f64 = x.iter().enumerate().map(|(j, x)| self.entry(i, j) * x).sum();
+            x.push((y - known) / self.entry(i, i));
+        }
+        x
     }
 
     /// Bytes that a product reads.

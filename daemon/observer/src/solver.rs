@@ -5,7 +5,7 @@ use crate::{Centers, DesignError, Parameter};
 /// Dense, local, or by the number of centers.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Solver {
-    /// Exact: every step reads the whole triangular factor, 4 N² bytes.
+    /// Exact: every step reads the whole triangular factor, 4 N² bytes; of a lattice of three axes N²/2.
     Dense,
     /// From the centers around the output, with an error estimate for every evaluation: a cost that hardly grows
     /// with N.
@@ -35,7 +35,7 @@ impl Default for LocalSolver {
 }
 
 /// Up to so many centers of a lattice `Solver::Auto` is exact.
-pub const DENSE_UP_TO: usize = 1000;
+pub const DENSE_UP_TO: usize = 2000;
 /// Up to so many listed centers `Solver::Auto` is exact.
 pub const DENSE_UP_TO_LISTED: usize = 3000;
 
