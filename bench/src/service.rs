@@ -163,6 +163,8 @@ pub(crate) struct Seen {
     pub(crate) source_to_estimate_ns: Vec<u64>,
     /// Samples whose estimate did not come within two periods.
     pub(crate) unanswered: u64,
+    /// Samples that were due while the estimate before was still awaited, and not sent.
+    pub(crate) skipped: u64,
 }
 
 /// Runs one service in a domain of its own.
@@ -204,8 +206,9 @@ pub(crate) fn send_at_rate(
             break;
         }
         let due_ns = start_ns + (i as f64 * period_ns) as u64;
-        // An estimate that came after the next sample was due: that one is left out.
+        // An estimate that came after the next sample was due: that one is left out, and counted.
         if monotonic_ns() > due_ns {
+            seen.skipped += 1;
             continue;
         }
         wait_for_deadline(due_ns, VEHICLE_SPIN_NS);
@@ -227,6 +230,7 @@ struct Row {
     #[serde(skip_serializing_if = "Option::is_none")]
     source_to_estimate_ns_reason: Option<String>,
     unanswered: u64,
+    skipped: u64,
     histogram: Vec<Bin>,
     #[serde(skip)]
     sorted_ns: Vec<u64>,
@@ -234,7 +238,7 @@ struct Row {
 
 impl Row {
     fn of(trigger: TriggerMode, rate_hz: f64, seen: Seen) -> Self {
-        let Seen { mut source_to_estimate_ns, unanswered } = seen;
+        let Seen { mut source_to_estimate_ns, unanswered, skipped } = seen;
         let found = summary(&mut source_to_estimate_ns);
         Self {
             trigger,
@@ -244,6 +248,7 @@ impl Row {
                 .is_none()
                 .then(|| "no estimate came within two periods of its sample, or the run was stopped".into()),
             unanswered,
+            skipped,
             histogram: histogram(&source_to_estimate_ns),
             sorted_ns: source_to_estimate_ns,
         }
@@ -269,10 +274,10 @@ impl Report<'_> {
         );
         let cells = |row: &Row| {
             let names = [row.trigger.name().to_owned(), row.rate_hz.to_string()];
-            let unanswered = [row.unanswered.to_string()];
+            let unanswered = [row.unanswered.to_string(), row.skipped.to_string()];
             [names.as_slice(), &cells(row.source_to_estimate_ns), &unanswered].concat()
         };
-        let header = [["trigger", "Hz"].as_slice(), &HEADER, &["unanswered"]].concat();
+        let header = [["trigger", "Hz"].as_slice(), &HEADER, &["unanswered", "skipped"]].concat();
         outln!("{}", table(&header, 1, self.rows.iter().map(cells)));
         for row in self.rows {
             outln!("{} at {} Hz:\n{}", row.trigger.name(), row.rate_hz, bars(&row.histogram));

@@ -22,7 +22,7 @@
 //! never bounds it. With δ ≠ 0 the proof drops −2σ⟨f̃(y), δ⟩: then the size is the paper's claim.
 
 use crate::channel::{ChannelDesign, DisturbanceBounds};
-use crate::{DeadZone, NativeSpace};
+use crate::{DeadZone, NativeSpace, Supremum};
 
 /// What the theorems claim for one channel (Niu et al., eqs. (E₀), (minimal dead zone)).
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -49,13 +49,18 @@ impl Certificate {
     /// # Cost
     /// A search for sup P_N where r_f > 0.
     pub fn of_channel(design: &ChannelDesign, space: &NativeSpace) -> Self {
+        Self::with_cover(design, sup_if_needed(&design.bounds, || space.sup_power_function()))
+    }
+
+    /// The same, with sup P_N.
+    pub(crate) fn with_cover(design: &ChannelDesign, sup_power_function: f64) -> Self {
         let masses = design.inertia.symmetric_eigenvalues();
         Self::new(
             (2.0 * design.gain_per_s * masses.min(), design.gain_per_s * masses.max()),
             (1.0, 1.0),
             design.bounds,
             &design.dead_zone,
-            sup_if_needed(&design.bounds, space),
+            sup_power_function,
         )
     }
 
@@ -113,6 +118,6 @@ impl Certificate {
 }
 
 /// sup P_N, which is searched for only where r_f > 0 makes it count.
-pub(crate) fn sup_if_needed(bounds: &DisturbanceBounds, space: &NativeSpace) -> f64 {
-    if bounds.residual_norm > 0.0 { space.sup_power_function().value } else { 0.0 }
+pub(crate) fn sup_if_needed(bounds: &DisturbanceBounds, search: impl FnOnce() -> Supremum) -> f64 {
+    if bounds.residual_norm > 0.0 { search().value } else { 0.0 }
 }

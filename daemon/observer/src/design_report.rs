@@ -116,7 +116,7 @@ impl DesignReport {
     /// Of a body's translation: x = (r, v). The law's plant is the velocity; a position fix that is used makes the
     /// position observable.
     ///
-    /// `space` is that of the channel ([`ChannelDesign::space`]), which takes long to build with many centers.
+    /// `function` is that of the channel ([`ChannelDesign::function`]), which takes long to build with many centers.
     ///
     /// # Errors
     /// A parameter out of range, as [`crate::Channel::new`]; an unstable adaptation rate is a finding, not an error.
@@ -217,7 +217,7 @@ impl DesignReport {
         let part = law.observable_part();
         let lure = part.lure_pair();
         let space = function.space();
-        let sup_power_function = space.sup_power_function();
+        let sup_power_function = function.sup_power_function();
         let certificate = lure.as_ref().ok().map(|pair| {
             Certificate::new(
                 (pair.lambda_min, pair.pl_norm),

@@ -2,7 +2,7 @@
 
 use crate::attitude::Attitude;
 use crate::body::{Body, BodyState, KnownForce};
-use crate::certificate::Certificate;
+use crate::certificate::{Certificate, sup_if_needed};
 use crate::law::Law;
 use crate::position::Position;
 use crate::timeline::{ChannelReport, Timeline};
@@ -349,7 +349,8 @@ where
     Body<K>: crate::timeline::Plant<3, State = BodyState<K>>,
 {
     let Channel { law, integrator } = Channel::new(design)?;
-    let certificate = Some(Certificate::of_channel(design, law.space()));
+    let cover = sup_if_needed(&design.bounds, || law.function().sup_power_function());
+    let certificate = Some(Certificate::with_cover(design, cover));
     let initial = BodyState { rate: initial_rate.unwrap_or_default(), pose: initial_pose };
     let body = Body::new(integrator, known_force, initial_rate);
     Ok(Timeline::new(law, body, certificate, (design.hold_s, design.coast_step_s), initial))

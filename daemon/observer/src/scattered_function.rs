@@ -10,7 +10,7 @@
 //! all N centers, in one vector loop each. For some thousand to some hundred thousand centers; a lattice is faster.
 //!
 //! The error estimate is the one of [`crate::lattice_function`], with the farther half of the neighbours as the outermost
-//! layer, and ρ half as large again as the largest value found at a sample of places, because they differ.
+//! layer, and ρ three times the largest value found at a sample of places, because they differ.
 
 use crate::lanes::{LANES, VectorLoop, VectorUnit, dot, multiply_add, whole_lanes};
 use crate::learned_function::Evaluation;
@@ -28,7 +28,9 @@ const FAR: f64 = 1e150;
 const CALIBRATION_PLACES: usize = 32;
 const CALIBRATION_UPDATES: usize = 32;
 /// What is found there may be exceeded elsewhere.
-const SAFETY: f64 = 1.5;
+const SAFETY: f64 = 3.0;
+/// Factoring more takes milliseconds, in the step in which the nearest center changes.
+const MOST_NEIGHBOURS: usize = 216;
 /// The neighbourhood that stands for all centers is so many times as large.
 const SURROUNDINGS: usize = 4;
 
@@ -253,12 +255,16 @@ fn evaluate<const M: usize>(
         }
         if *pending != SVector::<f64, M>::zeros() {
             let k = geometry.kernel_value(point, &held_at);
-            place[1..].iter_mut().zip(pending).for_each(|(beta, increment)| *beta += k * increment);
+            place[1..]
+                .iter_mut()
+                .zip(pending)
+                .take(geometry.dimension)
+                .for_each(|(beta, increment)| *beta += k * increment);
         }
         place[0] = geometry.kernel_value(point, &at);
     }
     let local = neighbourhood.solve();
-    let norm = learned.squared_norm.sqrt();
+    let norm = learned.squared_norm.sqrt() + geometry.value_at_zero.sqrt() * pending.norm();
     let squared_power = (geometry.value_at_zero - local.squared_features).max(0.0);
     let functional = geometry.error_ratio * squared_power.sqrt().max(1e-7 * geometry.value_at_zero.sqrt());
     let surroundings = |layer: f64, norm: f64| surroundings_norm(geometry.dimension, layer.sqrt(), norm);
@@ -375,7 +381,7 @@ impl Geometry {
         };
         let blocks = options.block.as_ref().map_or(to_try, std::slice::from_ref);
         for &points in blocks {
-            geometry.n_neighbours = points.pow(dimension as u32).min(n_centers);
+            geometry.n_neighbours = points.pow(dimension as u32).min(n_centers).min(MOST_NEIGHBOURS);
             geometry.calibrate(&index);
             if geometry.predicted_error <= options.accuracy {
                 break;
@@ -423,7 +429,7 @@ impl Geometry {
 
     /// The center nearest to a point, the first of equals.
     fn nearest(&self, at: Point, squares: &mut [f64]) -> usize {
-        self.unit.run(Nearest { coordinates: &self.coordinates, at, squares })
+        self.unit.run(Nearest { coordinates: &self.coordinates, at, squares }).min(self.n_centers - 1)
     }
 
     /// Finds ρ and the predicted error at a sample of places.
