@@ -27,7 +27,7 @@ const FAR: f64 = 1e150;
 /// Places at which ρ and the error are found, and updates around each.
 const CALIBRATION_PLACES: usize = 32;
 const CALIBRATION_UPDATES: usize = 32;
-/// What is found there may be exceeded elsewhere.
+/// What is found there is exceeded elsewhere, by up to this factor.
 const SAFETY: f64 = 3.0;
 /// Factoring more takes milliseconds, in the step in which the nearest center changes.
 const MOST_NEIGHBOURS: usize = 216;
@@ -476,7 +476,7 @@ impl Geometry {
                 errors += (value - product(&near_at, &near_there)).powi(2);
             }
         }
-        (self.error_ratio, self.predicted_error) = (error_ratio, (errors / values).sqrt());
+        (self.error_ratio, self.predicted_error) = (error_ratio, SAFETY * (errors / values).sqrt());
     }
 }
 

@@ -55,7 +55,7 @@ pub enum SolverInUse {
     Neighbours {
         /// How many.
         n_neighbours: usize,
-        /// As of a lattice, at a sample of places; the tests saw up to four times as much.
+        /// As of a lattice: three times what is found at a sample of places.
         predicted_error: f64,
     },
 }
