@@ -53,7 +53,7 @@ pub struct StepArguments {
         value_name = "n,n,…",
         value_delimiter = ',',
         default_value = "8,16,32,64,100",
-        default_value_if("quick", "true", "8,32,100"),
+        default_value_if("quick", "true", "8,100"),
         value_parser = clap::value_parser!(u32).range(8..=200).map(|edge| edge as usize)
     )]
     pub lattices: Vec<usize>,
@@ -68,7 +68,7 @@ pub struct StepArguments {
         long,
         value_name = "SECONDS",
         default_value = "8",
-        default_value_if("quick", "true", "1.5"),
+        default_value_if("quick", "true", "1.2"),
         value_parser = parse_seconds
     )]
     pub seconds_per_size: f64,
@@ -320,7 +320,7 @@ mod tests {
     fn quick_is_fewer_centers_and_less_time_where_nothing_else_is_asked_for() {
         let (usual, quick) = (arguments(&[]).unwrap(), arguments(&["--quick"]).unwrap());
         assert_eq!((usual.seconds_per_size, usual.literal_up_to, usual.krls_up_to), (8.0, 1000, 1000));
-        assert_eq!((quick.seconds_per_size, quick.literal_up_to, quick.krls_up_to), (1.5, 343, 343));
+        assert_eq!((quick.seconds_per_size, quick.literal_up_to, quick.krls_up_to), (1.2, 343, 343));
         assert_eq!(quick.centers, [27, 125, 343, 1000, 2197]);
         assert_eq!(arguments(&["--quick", "--literal-up-to", "8"]).unwrap().literal_up_to, 8);
     }
