@@ -9,13 +9,13 @@
 //! which takes some ten times as long as an evaluation; the update and the search for the nearest center visit
 //! all N centers, in one vector loop each. For some thousand to some hundred thousand centers; a lattice is faster.
 //!
-//! The error estimate is the one of [`crate::lattice_function`], with the farther half of the neighbours as the outermost
-//! layer, and ρ three times the largest value found at a sample of places, because they differ.
+//! The error estimate is the bound of [`crate::lattice_function`], `ρ P_c(y) ‖f̂_N‖`, with ρ three times the largest value
+//! found at a sample of places, because they differ. What the farther neighbours know says nothing of those that are
+//! left out: unlike on a lattice they may lie on one side only.
 
 use crate::lanes::{LANES, VectorLoop, VectorUnit, dot, multiply_add, whole_lanes};
 use crate::learned_function::Evaluation;
 use crate::native_space::ScaledKernel;
-use crate::solver::surroundings_norm;
 use crate::{Centers, DesignError, Kernel, LengthScale, LocalSolver, NativeSpace, Parameter};
 use nalgebra::SVector;
 use pulp::Simd;
@@ -95,12 +95,10 @@ struct Neighbourhood {
     squares: Vec<f64>,
 }
 
-/// φᵀφ, θᵀφ, and both norms of the farther half.
+/// φᵀφ and θᵀφ.
 struct LocalEvaluation {
     squared_features: f64,
     values: [f64; 3],
-    squared_layer: f64,
-    squared_layer_features: f64,
 }
 
 impl<const M: usize> ScatteredFunction<M> {
@@ -267,13 +265,11 @@ fn evaluate<const M: usize>(
     let norm = learned.squared_norm.sqrt() + geometry.value_at_zero.sqrt() * pending.norm();
     let squared_power = (geometry.value_at_zero - local.squared_features).max(0.0);
     let functional = geometry.error_ratio * squared_power.sqrt().max(1e-7 * geometry.value_at_zero.sqrt());
-    let surroundings = |layer: f64, norm: f64| surroundings_norm(geometry.dimension, layer.sqrt(), norm);
     Evaluation {
         value: SVector::from_fn(|axis, _| if axis < 3 { local.values[axis] } else { 0.0 }),
         squared_features: local.squared_features,
-        error: functional * surroundings(local.squared_layer, norm),
-        error_of_increment: functional
-            * surroundings(local.squared_layer_features, geometry.value_at_zero.sqrt()),
+        error: functional * norm,
+        error_of_increment: functional * geometry.value_at_zero.sqrt(),
     }
 }
 
@@ -303,12 +299,7 @@ impl Neighbourhood {
     fn solve(&mut self) -> LocalEvaluation {
         let n = self.vectors.len();
         let row_length = whole_lanes(n);
-        let mut out = LocalEvaluation {
-            squared_features: 0.0,
-            values: [0.0; 3],
-            squared_layer: 0.0,
-            squared_layer_features: 0.0,
-        };
+        let mut out = LocalEvaluation { squared_features: 0.0, values: [0.0; 3] };
         for i in 0..n {
             let row = &self.factor[i * row_length..][..=i];
             let (known, rest) = self.vectors.split_at_mut(i);
@@ -322,12 +313,9 @@ impl Neighbourhood {
             let inverse_pivot = if row[i] > 0.0 { row[i].recip() } else { 0.0 };
             rest[0] = sum.map(|sum| sum * inverse_pivot);
             let [phi, theta @ ..] = rest[0];
-            let in_layer = if 2 * i >= n { 1.0 } else { 0.0 };
             out.squared_features += phi * phi;
-            out.squared_layer_features += in_layer * phi * phi;
             for (value, theta) in out.values.iter_mut().zip(theta) {
                 *value += theta * phi;
-                out.squared_layer += in_layer * theta * theta;
             }
         }
         out
