@@ -326,7 +326,8 @@ pub(crate) mod tests {
                     }
                 }
                 let norms = (dense.native_norm(), local.native_norm());
-                assert!((norms.1 / norms.0 - 1.0).abs() < 0.05, "{what}: {norms:?}");
+                // Kept from above: it takes the most that an increment can add.
+                assert!(norms.1 > 0.97 * norms.0 && norms.1 < 1.2 * norms.0, "{what}: {norms:?}");
                 dense.forget();
                 local.forget();
             }
