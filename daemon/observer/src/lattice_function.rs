@@ -663,16 +663,20 @@ impl Surroundings {
         let spacing = axes.map(|axis| axis.spacing);
         let is_part: [bool; 3] = std::array::from_fn(|axis| counts[axis] < axes[axis].count);
         let block = LatticeBlock::new(counts, is_part, spacing, kappa, nugget)?;
+        // k of u, which is in points from the block's point at `margin`.
+        let see_from = |block: &LatticeBlock, buffers: &mut BlockBuffers, u: [f64; 3], margin: [usize; 3]| {
+            for (k, point) in buffers.vector(0).iter_mut().zip(block.points()) {
+                let distance = |a: usize| (f64::from(point[a]) - margin[a] as f64 - u[a]) * spacing[a];
+                *k = kappa.value((0..3).map(|a| distance(a).powi(2)).sum::<f64>().sqrt());
+            }
+        };
         let largest_weights = {
             let mut buffers = BlockBuffers::new(&block);
             let sum_of_weights = |u: [f64; 3]| -> f64 {
                 let n = IMAGES * block.n_padded();
                 // w_j is f̂(u) for β = 1 at one point and 0 elsewhere.
                 let weight = |j: usize, buffers: &mut BlockBuffers| {
-                    for (k, point) in buffers.vector(0).iter_mut().zip(block.points()) {
-                        let distance = |a: usize| (f64::from(point[a]) - u[a]) * spacing[a];
-                        *k = kappa.value((0..3).map(|a| distance(a).powi(2)).sum::<f64>().sqrt());
-                    }
+                    see_from(&block, buffers, u, [0; 3]);
                     let point = block.points()[j];
                     for (beta, other) in buffers.vector(1).iter_mut().zip(block.points()) {
                         *beta = f64::from(u8::from(*other == point));
@@ -705,10 +709,7 @@ impl Surroundings {
         // φ at u, in points from the first one of the block.
         let mut features = |u: [f64; 3]| {
             let of = |block: &LatticeBlock, buffers: &mut BlockBuffers, margin: [usize; 3]| {
-                for (k, point) in buffers.vector(0).iter_mut().zip(block.points()) {
-                    let distance = |a: usize| (f64::from(point[a]) - margin[a] as f64 - u[a]) * spacing[a];
-                    *k = kappa.value((0..3).map(|a| distance(a).powi(2)).sum::<f64>().sqrt());
-                }
+                see_from(block, buffers, u, margin);
                 let squares = block.evaluate(buffers).squared_features;
                 (buffers.features().to_vec(), (value_at_zero - squares).max(0.0))
             };
