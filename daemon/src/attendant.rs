@@ -41,7 +41,7 @@ pub struct Attendant {
 /// What the log has said already.
 #[derive(Default)]
 struct Logged {
-    rejected: [u64; 10],
+    rejected: [u64; 11],
     state_resets: u64,
     source_changes: u64,
     other_source: Option<u128>,

@@ -34,7 +34,7 @@ pub struct Counters {
     /// Samples that never arrived.
     pub samples_lost: u64,
     /// Samples rejected, by reason.
-    pub samples_rejected: [u64; 10],
+    pub samples_rejected: [u64; 11],
     /// Ticks on which a channel coasted.
     pub ticks_coasting: u64,
     /// Ticks on which σ was clamped.

@@ -124,7 +124,7 @@ fn bad_samples_are_rejected_counted_and_do_no_harm() {
         (&|m| Measurement { valid: 0, ..m }, Rejection::Malformed),
         (&|m| Measurement { velocity_frame: 7, ..m }, Rejection::Malformed),
     ];
-    let mut expected = [0; 10];
+    let mut expected = [0; 11];
     for (change, reason) in bad {
         send(change);
         expected[reason as usize] += 1;

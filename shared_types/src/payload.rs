@@ -65,8 +65,18 @@ pub mod status_bits {
     pub const DIVERGED: u64 = 1 << 9;
     /// No sample was ever accepted: the estimate is the initial state.
     pub const WAITING: u64 = 1 << 10;
+    /// The tick before ended after its next deadline: the loop is late.
+    pub const LATE: u64 = 1 << 12;
+    /// The loop was late so many times in a row that samples are not used: the estimate is predicted only.
+    pub const PREDICT_ONLY: u64 = 1 << 13;
+    /// The loop was late for so long that the estimate is not to be used at all: do not fly on this.
+    pub const INVALID: u64 = 1 << 14;
+    /// An output that is implausible against its recent errors was held back since the previous estimate.
+    pub const HELD_BACK: u64 = 1 << 15;
+    /// A sensor repeats one value to the bit.
+    pub const STUCK: u64 = 1 << 16;
 
-    const WORDS: [(u64, &str); 12] = [
+    const WORDS: [(u64, &str); 17] = [
         (TRACKING, "tracking"),
         (COASTING_TRANSLATION, "coasting-translation"),
         (COASTING_ROTATION, "coasting-rotation"),
@@ -79,6 +89,11 @@ pub mod status_bits {
         (DIVERGED, "diverged"),
         (WAITING, "waiting"),
         (COASTING_LINEAR, "coasting-linear"),
+        (LATE, "late"),
+        (PREDICT_ONLY, "predict-only"),
+        (INVALID, "invalid"),
+        (HELD_BACK, "held-back"),
+        (STUCK, "stuck-sensor"),
     ];
 
     /// The set bits in words, for people.
@@ -332,11 +347,13 @@ pub enum Rejection {
     OtherSource,
     /// No valid field, an unknown bit or an unknown frame.
     Malformed,
+    /// The loop was late for too long to use it.
+    Overload,
 }
 
 impl Rejection {
     /// All reasons, in the order of [`Status::samples_rejected`].
-    pub const ALL: [Self; 10] = [
+    pub const ALL: [Self; 11] = [
         Self::NotFinite,
         Self::BeyondLimits,
         Self::QuaternionNorm,
@@ -347,6 +364,7 @@ impl Rejection {
         Self::SequenceBackwards,
         Self::OtherSource,
         Self::Malformed,
+        Self::Overload,
     ];
 
     /// The reason in words.
@@ -362,14 +380,52 @@ impl Rejection {
             Self::SequenceBackwards => "sequence went backwards",
             Self::OtherSource => "another source holds the stream",
             Self::Malformed => "malformed",
+            Self::Overload => "the loop was late",
         }
     }
+}
+
+/// Bits of [`Status::real_time_requested`] and [`Status::real_time_granted`].
+pub mod real_time {
+    /// A fixed priority (SCHED_FIFO) for the loop.
+    pub const PRIORITY: u64 = 1 << 0;
+    /// Cores of the loop's own choice.
+    pub const CORES: u64 = 1 << 1;
+    /// Memory that is neither swapped out nor mapped late.
+    pub const LOCKED_MEMORY: u64 = 1 << 2;
+    /// Timers without slack.
+    pub const PUNCTUAL_TIMERS: u64 = 1 << 3;
+    /// Cores that wake up at once.
+    pub const AWAKE_CORES: u64 = 1 << 4;
+
+    const WORDS: [(u64, &str); 5] = [
+        (PRIORITY, "priority"),
+        (CORES, "cores"),
+        (LOCKED_MEMORY, "locked memory"),
+        (PUNCTUAL_TIMERS, "punctual timers"),
+        (AWAKE_CORES, "awake cores"),
+    ];
+
+    /// The set bits in words, for people.
+    pub fn words(bits: u64) -> Vec<&'static str> {
+        WORDS.iter().filter(|(bit, _)| bits & bit != 0).map(|&(_, word)| word).collect()
+    }
+}
+
+/// Values of [`Status::snapshot_restored`].
+pub mod restored {
+    /// The service started with nothing learned.
+    pub const NOTHING: u64 = 0;
+    /// It started with what an earlier one had learned.
+    pub const LEARNED: u64 = 1;
+    /// It started with that and with the state, and goes on from there.
+    pub const LEARNED_AND_STATE: u64 = 2;
 }
 
 /// What the service did since it started.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, ZeroCopySend, Serialize, Deserialize)]
-#[type_name("observer.Status.v1")]
+#[type_name("observer.Status.v2")]
 pub struct Status {
     /// Counts publications from 0.
     pub sequence: u64,
@@ -388,7 +444,7 @@ pub struct Status {
     /// Gaps in the source's sequence: samples that never arrived.
     pub samples_lost: u64,
     /// Samples rejected, by [`Rejection`].
-    pub samples_rejected: [u64; 10],
+    pub samples_rejected: [u64; 11],
     /// Sequence of the newest accepted sample.
     pub newest_sequence: u64,
     /// Age of the newest accepted sample (ns); `u64::MAX` before the first.
@@ -411,6 +467,35 @@ pub struct Status {
     pub records_dropped: u64,
     /// 1 while adaptation is frozen by an operator.
     pub adaptation_frozen: u64,
+    /// Outputs whose error was implausible against its running scale, and which were held back from adaptation or
+    /// from correction too: of translation, rotation, linear plant.
+    pub outputs_held_back: [u64; 3],
+    /// Outputs that repeated the one before to the bit, for longer than a living sensor does; likewise.
+    pub outputs_stuck: [u64; 3],
+    /// Ticks in a row that ended after their next deadline, now.
+    pub late_ticks_in_a_row: u64,
+    /// The most so far.
+    pub most_late_ticks_in_a_row: u64,
+    /// Ticks on which samples were not used because the loop was late.
+    pub ticks_predict_only: u64,
+    /// Ticks whose estimate was marked invalid.
+    pub ticks_invalid: u64,
+    /// Real-time settings that the configuration asks for: bits of [`real_time`].
+    pub real_time_requested: u64,
+    /// Real-time settings that the system granted.
+    pub real_time_granted: u64,
+    /// What was restored at the start: one of [`restored`].
+    pub snapshot_restored: u64,
+    /// Snapshots written.
+    pub snapshots_saved: u64,
+    /// Snapshots that could not be written.
+    pub snapshots_failed: u64,
+    /// CLOCK_MONOTONIC of the state in the newest snapshot of this service (ns); 0 if none.
+    pub snapshot_stamp_ns: u64,
+    /// Ticks written to the flight record.
+    pub ticks_recorded: u64,
+    /// Ticks that the recorder was too slow to take.
+    pub ticks_not_recorded: u64,
     /// Deadline to wake-up (ns).
     pub wake_up_lateness_ns: LatencySummary,
     /// Wake-up to publication: samples taken, stepped, estimate written (ns).
@@ -498,7 +583,7 @@ pub mod outcome {
 /// The service's answer, with its status after the command.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ZeroCopySend)]
-#[type_name("observer.Reply.v1")]
+#[type_name("observer.Reply.v2")]
 pub struct Reply {
     /// One of [`outcome`].
     pub outcome: u32,
@@ -569,10 +654,11 @@ const _: () = {
     assert!(offset_of!(Estimate, linear) == 480);
 
     assert!(size_of::<LatencySummary>() == 48);
-    assert!(size_of::<Status>() == 29 * 8 + 4 * 48);
+    assert!(size_of::<Status>() == 48 * 8 + 4 * 48);
     assert!(offset_of!(Status, samples_rejected) == 64);
-    assert!(offset_of!(Status, newest_sequence) == 144);
-    assert!(offset_of!(Status, wake_up_lateness_ns) == 232);
+    assert!(offset_of!(Status, newest_sequence) == 152);
+    assert!(offset_of!(Status, outputs_held_back) == 240);
+    assert!(offset_of!(Status, wake_up_lateness_ns) == 384);
 
     assert!(size_of::<Truth>() == 16 + 25 * 8);
     assert!(offset_of!(Truth, unmatched_torque_n_m) == 192);
@@ -603,7 +689,7 @@ mod tests {
 
     #[test]
     fn status_words_name_every_bit_once() {
-        assert_eq!(status_bits::words(u64::MAX).len(), 12);
+        assert_eq!(status_bits::words(u64::MAX).len(), 17);
         let coasting = ["coasting-translation", "coasting-rotation", "coasting-linear"];
         assert_eq!(status_bits::words(status_bits::COASTING), coasting);
     }
