@@ -3,12 +3,13 @@
 use crate::body::Kinematics;
 use crate::channel::Segment;
 use nalgebra::{UnitQuaternion, Vector3};
+use serde::{Deserialize, Serialize};
 
 /// q̂ (body to inertial) with `q̂_{j+1} = q̂_j ⊗ exp(½ h ω̄)`, ω̄ = (ω̂_j + ω̂_{j+1})/2: no gimbal lock.
 ///
 /// A fix is carried along with the motion; what is left of its error, a rotation about a body axis,
 /// decays as e^{−L_q t}.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Attitude {
     pub(crate) attitude: UnitQuaternion<f64>,
     /// L_q (1/s).
@@ -60,6 +61,10 @@ impl Kinematics for Attitude {
         next.attitude.renormalize_fast();
         next.fix_error = turn.inverse_transform_vector(&next.fix_error);
         next
+    }
+
+    fn with_gains_of(self, other: &Self) -> Self {
+        Self { fix_gain_per_s: other.fix_gain_per_s, ..self }
     }
 }
 

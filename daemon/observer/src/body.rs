@@ -3,15 +3,18 @@
 use crate::channel::{Integrator, Segment};
 use crate::timeline::{Moment, Plant};
 use nalgebra::{Matrix3, Vector3};
+use serde::{Deserialize, Serialize};
 
 /// What is integrated from a channel's output: a position, or an attitude.
 pub(crate) trait Kinematics: Copy {
     /// The pose after a segment that starts at `start_ns`.
     fn after(&self, segment: &Segment, start_ns: u64) -> Self;
+    /// The same pose, with the gains of another.
+    fn with_gains_of(self, other: &Self) -> Self;
 }
 
 /// Velocity and position, or angular velocity and attitude.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub(crate) struct BodyState<K> {
     pub(crate) rate: Vector3<f64>,
     pub(crate) pose: K,
@@ -68,6 +71,10 @@ impl<K: Kinematics> Plant<3> for Body<K> {
 
     fn start(&self, waiting: &BodyState<K>, output: &Vector3<f64>) -> BodyState<K> {
         BodyState { rate: self.initial_rate.unwrap_or(*output), pose: waiting.pose }
+    }
+
+    fn resumed(&self, own: &BodyState<K>, kept: &BodyState<K>) -> BodyState<K> {
+        BodyState { rate: kept.rate, pose: kept.pose.with_gains_of(&own.pose) }
     }
 
     fn follow(

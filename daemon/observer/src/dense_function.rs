@@ -89,6 +89,26 @@ impl<const M: usize> DenseFunction<M> {
         self.native_norm = self.good.1;
     }
 
+    pub(crate) fn good_runs(&self) -> impl Iterator<Item = &[f64]> {
+        self.good.0.iter().map(Vec::as_slice)
+    }
+
+    pub(crate) fn good_runs_mut(&mut self) -> impl Iterator<Item = &mut [f64]> {
+        self.good.0.iter_mut().map(Vec::as_mut_slice)
+    }
+
+    pub(crate) fn good_scalars(&self) -> [f64; 1] {
+        [self.good.1]
+    }
+
+    pub(crate) fn set_good_scalars(&mut self, [native_norm]: [f64; 1]) {
+        self.good.1 = native_norm;
+    }
+
+    pub(crate) fn restore_whole_good_copy(&mut self) {
+        self.restore_good_copy();
+    }
+
     /// θ, one run of whole lanes per output.
     pub(crate) fn weights(&self) -> &[Vec<f64>] {
         &self.weights[..self.space.centers().dimension()]

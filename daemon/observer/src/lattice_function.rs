@@ -305,9 +305,7 @@ impl<const M: usize> LatticeFunction<M> {
     pub(crate) fn forget(&mut self) {
         self.learned.nodal_values.iter_mut().for_each(|values| values.fill(0.0));
         (self.learned.squared_norm, self.learned.increments) = (0.0, 0.0);
-        self.touched_rows.clear();
-        (0..self.touched.len()).for_each(|row| self.touched_rows.push(row));
-        self.touched.fill(true);
+        self.everything_touched();
     }
 
     /// # Cost
@@ -320,6 +318,33 @@ impl<const M: usize> LatticeFunction<M> {
     pub(crate) fn restore_good_copy(&mut self) {
         copy_rows(&self.good, &mut self.learned, self.touched_rows.listed(), self.geometry.row);
         self.nothing_touched();
+    }
+
+    pub(crate) fn restore_whole_good_copy(&mut self) {
+        self.everything_touched();
+        self.restore_good_copy();
+    }
+
+    pub(crate) fn good_runs(&self) -> impl Iterator<Item = &[f64]> {
+        self.good.nodal_values.iter().map(Vec::as_slice)
+    }
+
+    pub(crate) fn good_runs_mut(&mut self) -> impl Iterator<Item = &mut [f64]> {
+        self.good.nodal_values.iter_mut().map(Vec::as_mut_slice)
+    }
+
+    pub(crate) fn good_scalars(&self) -> [f64; 2] {
+        [self.good.squared_norm, self.good.increments]
+    }
+
+    pub(crate) fn set_good_scalars(&mut self, [squared_norm, increments]: [f64; 2]) {
+        (self.good.squared_norm, self.good.increments) = (squared_norm, increments);
+    }
+
+    fn everything_touched(&mut self) {
+        self.touched_rows.clear();
+        (0..self.touched.len()).for_each(|row| self.touched_rows.push(row));
+        self.touched.fill(true);
     }
 
     fn nothing_touched(&mut self) {

@@ -22,6 +22,7 @@ use crate::learned_function::{Evaluation, LearnedFunction};
 use crate::stability::StepLimit;
 use crate::{Centers, DeadZone, NativeSpace, SolverInUse};
 use nalgebra::{SMatrix, SVector};
+use serde::{Deserialize, Serialize};
 
 /// At run time σ is held below this part of what the sampled-data bound allows.
 ///
@@ -56,6 +57,8 @@ struct HeldOutput<const M: usize> {
     output: SVector<f64, M>,
     output_error: SVector<f64, M>,
     activation: f64,
+    /// Whether this output may be learned from.
+    teaches: bool,
     /// f̂ there before the update, θ_jᵀ φ.
     prior: Evaluation<M>,
 }
@@ -63,8 +66,18 @@ struct HeldOutput<const M: usize> {
 impl<const M: usize> HeldOutput<M> {
     fn nothing() -> Self {
         let zero = SVector::zeros();
-        Self { output: zero, output_error: zero, activation: 0.0, prior: Evaluation::exact(zero, 0.0) }
+        let prior = Evaluation::exact(zero, 0.0);
+        Self { output: zero, output_error: zero, activation: 0.0, teaches: true, prior }
     }
+}
+
+/// The held output as it is kept: f̂ there follows from what was learned.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub(crate) struct KeptOutput<const M: usize> {
+    output: SVector<f64, M>,
+    output_error: SVector<f64, M>,
+    activation: f64,
+    teaches: bool,
 }
 
 /// One update of the weights, θ_{j+1} − θ_j = φ (h σ Γ_f ỹ)ᵀ, for one length of the step.
@@ -111,7 +124,18 @@ impl<const M: usize> Law<M> {
     /// # Cost
     /// Dense: N(N+1)/2 + N m multiply-adds and N kernel values. Local: those of one block. No allocation.
     pub fn observe(&mut self, output: &SVector<f64, M>, output_estimate: &SVector<f64, M>) {
+        self.observe_for(output, output_estimate, true);
+    }
+
+    /// The same; an output that does not teach corrects the state only: σ = 0.
+    pub(crate) fn observe_for(
+        &mut self,
+        output: &SVector<f64, M>,
+        output_estimate: &SVector<f64, M>,
+        teaches: bool,
+    ) {
         self.held.output = *output;
+        self.held.teaches = teaches;
         self.function.hold(&output.as_slice()[..self.n_outputs]);
         self.observe_again(output_estimate);
     }
@@ -119,7 +143,7 @@ impl<const M: usize> Law<M> {
     /// Takes the held output once more, against a newer estimate and newer weights.
     pub fn observe_again(&mut self, output_estimate: &SVector<f64, M>) {
         self.held.output_error = self.held.output - output_estimate;
-        let open = if self.frozen { 0.0 } else { 1.0 };
+        let open = if self.frozen || !self.held.teaches { 0.0 } else { 1.0 };
         self.held.activation = open * self.dead_zone.activation(self.held.output_error.norm());
         self.held.prior = self.function.held();
     }
@@ -191,6 +215,35 @@ impl<const M: usize> Law<M> {
     /// Puts back what was kept last. No allocation.
     pub fn restore_good_copy(&mut self) {
         self.function.restore_good_copy();
+    }
+
+    /// The held output, to be kept.
+    pub(crate) fn kept_output(&self) -> KeptOutput<M> {
+        let HeldOutput { output, output_error, activation, teaches, .. } = self.held;
+        KeptOutput { output, output_error, activation, teaches }
+    }
+
+    /// How many numbers the good copy of what was learned is.
+    pub(crate) fn n_kept(&self) -> usize {
+        self.function.n_kept()
+    }
+
+    /// As [`LearnedFunction::read_kept`].
+    pub(crate) fn read_kept(&self, from: usize, into: &mut [f64]) {
+        self.function.read_kept(from, into);
+    }
+
+    /// Takes what another law of the same design has kept.
+    pub(crate) fn put(&mut self, learned: &[f64]) {
+        self.function.put(learned);
+        self.held = HeldOutput::nothing();
+    }
+
+    /// Goes on with an output that was held.
+    pub(crate) fn resume(&mut self, kept: &KeptOutput<M>) {
+        self.function.hold(&kept.output.as_slice()[..self.n_outputs]);
+        let KeptOutput { output, output_error, activation, teaches } = *kept;
+        self.held = HeldOutput { output, output_error, activation, teaches, prior: self.function.held() };
     }
 
     /// f̂.

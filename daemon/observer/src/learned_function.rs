@@ -111,6 +111,45 @@ impl<const M: usize> LearnedFunction<M> {
         each!(&mut self.0, f => f.restore_good_copy());
     }
 
+    /// How many numbers the good copy is.
+    pub(crate) fn n_kept(&self) -> usize {
+        each!(&self.0, f => f.good_runs().map(<[f64]>::len).sum::<usize>() + f.good_scalars().len())
+    }
+
+    /// The numbers of the good copy from `from` on, run after run and then the scalars, as many as `into` has room
+    /// for: a million centers are not read between two deadlines, but in parts.
+    pub(crate) fn read_kept(&self, from: usize, into: &mut [f64]) {
+        each!(&self.0, f => {
+            let scalars = f.good_scalars();
+            let mut start = 0;
+            for run in f.good_runs().chain([scalars.as_slice()]) {
+                let end = start + run.len();
+                let (first, last) = (from.max(start), (from + into.len()).min(end));
+                if first < last {
+                    into[first - from..last - from].copy_from_slice(&run[first - start..last - start]);
+                }
+                start = end;
+            }
+        });
+    }
+
+    /// Takes the numbers that another function of the same design has kept, as learned and as the good copy.
+    ///
+    /// # Panics
+    /// With another count of numbers than [`LearnedFunction::n_kept`].
+    pub(crate) fn put(&mut self, numbers: &[f64]) {
+        each!(&mut self.0, f => {
+            let mut rest = numbers;
+            for run in f.good_runs_mut() {
+                let (own, others) = rest.split_at(run.len());
+                run.copy_from_slice(own);
+                rest = others;
+            }
+            f.set_good_scalars(rest.try_into().expect("as many numbers as were read"));
+            f.restore_whole_good_copy();
+        });
+    }
+
     /// ‖f̂_N‖_H.
     pub fn native_norm(&self) -> f64 {
         each!(&self.0, f => f.native_norm())
@@ -422,6 +461,21 @@ pub(crate) mod tests {
             assert_eq!(bits(&mut f), nothing);
             f.restore_good_copy();
             assert_eq!(bits(&mut f), better, "a mistake can be taken back");
+            // What was kept is read in parts, and another function of the same design takes it over.
+            let mut kept = vec![0.0; f.n_kept()];
+            let part = kept.len() / 3 + 1;
+            kept.chunks_mut(part).enumerate().for_each(|(j, chunk)| f.read_kept(j * part, chunk));
+            let mut other = f.clone();
+            other.forget();
+            other.keep_good_copy();
+            learn_something(&mut other, m, 10, 8);
+            other.put(&kept);
+            assert_eq!(bits(&mut other), better);
+            learn_something(&mut other, m, 10, 9);
+            learn_something(&mut f, m, 10, 9);
+            assert_eq!(bits(&mut other), bits(&mut f), "and learns on from there");
+            other.restore_good_copy();
+            assert_eq!(bits(&mut other), better);
         }
     }
 }

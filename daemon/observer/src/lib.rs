@@ -77,6 +77,7 @@ mod mirrored_factor;
 mod native_function;
 mod native_space;
 mod packed_factor;
+mod plausibility;
 mod position;
 mod reference_law;
 mod rigid_body;
@@ -96,16 +97,18 @@ pub use lanes::vector_unit;
 pub use law::{Law, Learning};
 pub use learned_function::{Evaluation, LearnedFunction};
 pub use linear::{
-    LinearDesign, LinearEstimate, LinearObserver, LinearOutput, LinearState, MAX_OUTPUTS, MAX_STATES,
+    LinearDesign, LinearEstimate, LinearObserver, LinearObserverState, LinearOutput, LinearState,
+    MAX_OUTPUTS, MAX_STATES,
 };
 pub use linear_algebra::LurePair;
 pub use lyapunov::{LyapunovFunction, LyapunovRate};
 pub use native_function::NativeFunction;
 pub use native_space::{FeatureBuffers, LengthScale, NativeSpace, ScaledKernel};
+pub use plausibility::{Doubt, Plausibility};
 pub use reference_law::{ReferenceLaw, ReferenceStep};
 pub use rigid_body::{
-    GyroscopicTorque, InitialState, RigidBodyEstimate, RigidBodyObserver, RotationDesign, Sample,
-    TranslationDesign, Velocity,
+    GyroscopicTorque, InitialState, RigidBodyEstimate, RigidBodyObserver, RigidBodyState, RotationDesign,
+    Sample, TranslationDesign, Velocity,
 };
 pub use solver::{DENSE_UP_TO, DENSE_UP_TO_LISTED, LocalSolver, Solver, SolverInUse};
 pub use timeline::ChannelReport;

@@ -28,10 +28,12 @@ use crate::learned_function::LearnedFunction;
 use crate::linear_algebra::{
     LurePair, complement, eigenvalues, lure_pair, reachable_subspace, spectral_abscissa, spectral_norm,
 };
+use crate::plausibility::Plausibility;
 use crate::stability::StepLimit;
-use crate::timeline::{ChannelReport, Moment, Plant, Timeline};
+use crate::timeline::{ChannelReport, ChannelState, Measured, Moment, Plant, Timeline};
 use crate::{Centers, DeadZone, DesignError, Kernel, LengthScale, Parameter, ScaledKernel, Solver};
 use nalgebra::{Complex, DMatrix, DVector, SMatrix, SVector};
+use serde::{Deserialize, Serialize};
 
 /// The largest n.
 pub const MAX_STATES: usize = 12;
@@ -239,6 +241,23 @@ impl LinearDesign {
 #[derive(Debug, Clone)]
 pub struct LinearObserver {
     timeline: Timeline<LinearPlant, MAX_OUTPUTS>,
+    teaches: bool,
+}
+
+/// All that the future of a [`LinearObserver`] depends on, beside what it learned.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct LinearObserverState(ChannelState<LinearState, MAX_OUTPUTS>);
+
+impl LinearObserverState {
+    /// x̂ at the newest sample.
+    pub fn state(&self) -> LinearState {
+        self.0.newest()
+    }
+
+    /// Stamp of the newest sample (ns); `None` before the first output.
+    pub fn stamp_ns(&self) -> Option<u64> {
+        self.0.stamp_ns()
+    }
 }
 
 /// State, learned input and trust at one instant.
@@ -320,7 +339,7 @@ impl LinearObserver {
         let plant = LinearPlant::new(design);
         let initial = plant.initial_state.unwrap_or_default();
         let steps_s = (design.hold_s, design.coast_step_s);
-        Ok(Self { timeline: Timeline::new(law, plant, certificate, steps_s, initial) })
+        Ok(Self { timeline: Timeline::new(law, plant, certificate, steps_s, initial), teaches: true })
     }
 
     /// Takes what was measured and commanded at `stamp_ns`, later than the sample before. All values are finite:
@@ -332,7 +351,51 @@ impl LinearObserver {
         // What is beyond m is nobody's.
         let m = self.timeline.law.n_outputs();
         let own = |vector: LinearOutput| LinearOutput::from_fn(|i, _| if i < m { vector[i] } else { 0.0 });
-        self.timeline.accept(stamp_ns, output.map(own), input.map(own), |_| {});
+        let measured = output.map(|output| Measured { output: own(output), teaches: self.teaches });
+        self.timeline.accept(stamp_ns, measured, input.map(own), |_| {});
+    }
+
+    /// Whether the outputs from now on may be learned from: not while their sensor is stuck, say.
+    pub fn set_teaching(&mut self, teaches: bool) {
+        self.teaches = teaches;
+    }
+
+    /// From now on outputs are judged by this; at first all are believed.
+    pub fn set_plausibility(&mut self, plausibility: Plausibility) {
+        self.timeline.set_plausibility(plausibility);
+    }
+
+    /// Outputs that stood out and were held back.
+    pub fn n_held_back(&self) -> u64 {
+        self.timeline.n_held_back()
+    }
+
+    /// The state of the last good copy.
+    pub fn kept_state(&self) -> Option<LinearObserverState> {
+        self.timeline.kept_state().map(LinearObserverState)
+    }
+
+    /// How many numbers the good copy of what was learned is.
+    pub fn n_kept(&self) -> usize {
+        self.timeline.law.n_kept()
+    }
+
+    /// The numbers of the good copy from `from` on, as many as `into` has room for.
+    pub fn read_kept(&self, from: usize, into: &mut [f64]) {
+        self.timeline.law.read_kept(from, into);
+    }
+
+    /// Takes what an observer of the same design has learned.
+    ///
+    /// # Panics
+    /// With another count of numbers than [`LinearObserver::n_kept`].
+    pub fn put(&mut self, learned: &[f64]) {
+        self.timeline.law.put(learned);
+    }
+
+    /// Goes on from a state that an observer of the same design has kept, after [`LinearObserver::put`].
+    pub fn resume(&mut self, kept: &LinearObserverState) {
+        self.timeline.resume(&kept.0);
     }
 
     /// The estimate at `stamp_ns`, or at the newest sample where that is later. No allocation.
@@ -488,6 +551,10 @@ impl Plant<MAX_OUTPUTS> for LinearPlant {
 
     fn start(&self, waiting: &LinearState, output: &LinearOutput) -> LinearState {
         if self.initial_state.is_some() { *waiting } else { self.c_pseudo_inverse * output }
+    }
+
+    fn resumed(&self, _own: &LinearState, kept: &LinearState) -> LinearState {
+        *kept
     }
 
     fn follow(

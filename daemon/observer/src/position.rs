@@ -3,13 +3,14 @@
 use crate::body::Kinematics;
 use crate::channel::Segment;
 use nalgebra::Vector3;
+use serde::{Deserialize, Serialize};
 
 /// r̂ with the law `r̂' = v̂ + L_r ỹ + L_p (r_meas − r̂)`.
 ///
 /// Without fixes (L_p = 0) the position is not observable from the velocity: r̂ is dead reckoning.
 /// A fix is carried along with the motion, so that its age brings no lag: what is left of its error
 /// decays as e^{−L_p t}, on top of the exact integral of v̂.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Position {
     pub(crate) position: Vector3<f64>,
     /// L_r, dimensionless.
@@ -61,5 +62,10 @@ impl Kinematics for Position {
             next.fix_error -= corrected;
         }
         next
+    }
+
+    fn with_gains_of(self, other: &Self) -> Self {
+        let Self { velocity_error_to_position, fix_gain_per_s, .. } = *other;
+        Self { velocity_error_to_position, fix_gain_per_s, ..self }
     }
 }

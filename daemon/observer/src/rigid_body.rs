@@ -4,10 +4,12 @@ use crate::attitude::Attitude;
 use crate::body::{Body, BodyState, KnownForce};
 use crate::certificate::{Certificate, sup_if_needed};
 use crate::law::Law;
+use crate::plausibility::Plausibility;
 use crate::position::Position;
-use crate::timeline::{ChannelReport, Timeline};
+use crate::timeline::{ChannelReport, ChannelState, Measured, Timeline};
 use crate::{Channel, ChannelDesign, DesignError, Parameter};
 use nalgebra::{UnitQuaternion, Vector3};
+use serde::{Deserialize, Serialize};
 
 /// The translation channel: y = v (inertial), M = m I₃, u the commanded force (Niu et al., §VI-A).
 #[derive(Debug, Clone, PartialEq)]
@@ -133,6 +135,38 @@ pub struct RigidBodyObserver {
     attitude_fix_hold_ns: u64,
     /// Attitude of a body without a rotation channel: the newest fix.
     fixed_attitude: Option<UnitQuaternion<f64>>,
+    velocity_teaches: bool,
+    angular_velocity_teaches: bool,
+    /// `fixed_attitude` of the good copy.
+    good_attitude: Option<UnitQuaternion<f64>>,
+}
+
+/// All that the future of a [`RigidBodyObserver`] depends on, beside what it learned.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct RigidBodyState {
+    translation: Option<ChannelState<BodyState<Position>, 3>>,
+    rotation: Option<ChannelState<BodyState<Attitude>, 3>>,
+    fixed_attitude: Option<UnitQuaternion<f64>>,
+}
+
+impl RigidBodyState {
+    /// r̂ and v̂ at the newest sample, inertial (m; m/s).
+    pub fn position_and_velocity(&self) -> Option<(Vector3<f64>, Vector3<f64>)> {
+        let state = self.translation?.newest();
+        Some((state.pose.position, state.rate))
+    }
+
+    /// q̂ and ω̂ at the newest sample, body to inertial and body axes (rad/s).
+    pub fn attitude_and_angular_velocity(&self) -> Option<(UnitQuaternion<f64>, Vector3<f64>)> {
+        let state = self.rotation?.newest();
+        Some((state.pose.attitude, state.rate))
+    }
+
+    /// Stamp of the newest sample (ns); `None` before the first output.
+    pub fn stamp_ns(&self) -> Option<u64> {
+        let translation = self.translation.and_then(|translation| translation.stamp_ns());
+        translation.max(self.rotation.and_then(|rotation| rotation.stamp_ns()))
+    }
 }
 
 impl RigidBodyObserver {
@@ -177,6 +211,9 @@ impl RigidBodyObserver {
             rotation,
             fixed_attitude: initial.attitude,
             initial_attitude: initial.attitude,
+            velocity_teaches: true,
+            angular_velocity_teaches: true,
+            good_attitude: None,
             position_fix_hold_ns,
             attitude_fix_hold_ns,
         })
@@ -190,7 +227,9 @@ impl RigidBodyObserver {
         let stamp_ns = sample.stamp_ns;
         let attitude_until_ns = stamp_ns.saturating_add(self.attitude_fix_hold_ns);
         if let Some(rotation) = &mut self.rotation {
-            rotation.accept(stamp_ns, sample.angular_velocity_rad_s, sample.torque_n_m, |state| {
+            let teaches = self.angular_velocity_teaches;
+            let measured = sample.angular_velocity_rad_s.map(|output| Measured { output, teaches });
+            rotation.accept(stamp_ns, measured, sample.torque_n_m, |state| {
                 if let Some(fix) = &sample.attitude {
                     state.pose.take_fix(fix, attitude_until_ns);
                 }
@@ -206,7 +245,9 @@ impl RigidBodyObserver {
                 Some(Velocity::Body(velocity)) => attitude.map(|attitude| attitude * velocity),
                 None => None,
             };
-            translation.accept(stamp_ns, velocity, sample.force_n, |state| {
+            let teaches = self.velocity_teaches;
+            let measured = velocity.map(|output| Measured { output, teaches });
+            translation.accept(stamp_ns, measured, sample.force_n, |state| {
                 if let Some(fix) = &sample.position_m {
                     state.pose.take_fix(fix, position_until_ns);
                 }
@@ -269,6 +310,27 @@ impl RigidBodyObserver {
         }
     }
 
+    /// Whether the outputs of each channel may be learned from, from now on: not while a sensor is stuck, say.
+    pub fn set_teaching(&mut self, translation: bool, rotation: bool) {
+        (self.velocity_teaches, self.angular_velocity_teaches) = (translation, rotation);
+    }
+
+    /// From now on outputs are judged by this; at first all are believed.
+    pub fn set_plausibility(&mut self, plausibility: Plausibility) {
+        if let Some(translation) = &mut self.translation {
+            translation.set_plausibility(plausibility);
+        }
+        if let Some(rotation) = &mut self.rotation {
+            rotation.set_plausibility(plausibility);
+        }
+    }
+
+    /// Outputs that stood out and were held back: of translation and rotation.
+    pub fn n_held_back(&self) -> [u64; 2] {
+        let translation = self.translation.as_ref().map_or(0, Timeline::n_held_back);
+        [translation, self.rotation.as_ref().map_or(0, Timeline::n_held_back)]
+    }
+
     /// Forgets everything; starts again from the next sample.
     pub fn reset(&mut self) {
         self.restart();
@@ -302,6 +364,62 @@ impl RigidBodyObserver {
         if let Some(rotation) = &mut self.rotation {
             rotation.keep_good_copy();
         }
+        self.good_attitude = self.fixed_attitude;
+    }
+
+    /// The state of the last good copy; `None` before the first.
+    pub fn kept_state(&self) -> Option<RigidBodyState> {
+        let translation = self.translation.as_ref().map(|t| t.kept_state());
+        let rotation = self.rotation.as_ref().map(|r| r.kept_state());
+        Some(RigidBodyState {
+            // A channel without a copy is no answer; one that is not configured is.
+            translation: translation.map_or(Some(None), |kept| kept.map(Some))?,
+            rotation: rotation.map_or(Some(None), |kept| kept.map(Some))?,
+            fixed_attitude: self.good_attitude,
+        })
+    }
+
+    /// How many numbers the good copy of what was learned is.
+    pub fn n_kept(&self) -> usize {
+        self.translation().map_or(0, Law::n_kept) + self.rotation().map_or(0, Law::n_kept)
+    }
+
+    /// The numbers of the good copy from `from` on, as many as `into` has room for: translation, then rotation.
+    pub fn read_kept(&self, from: usize, into: &mut [f64]) {
+        let split = self.translation().map_or(0, Law::n_kept);
+        let (first, second) = into.split_at_mut(split.saturating_sub(from).min(into.len()));
+        if let Some(translation) = self.translation() {
+            translation.read_kept(from, first);
+        }
+        if let Some(rotation) = self.rotation() {
+            rotation.read_kept(from.saturating_sub(split), second);
+        }
+    }
+
+    /// Takes what an observer of the same design has learned.
+    ///
+    /// # Panics
+    /// With another count of numbers than [`RigidBodyObserver::n_kept`].
+    pub fn put(&mut self, learned: &[f64]) {
+        let (translation, rotation) = learned.split_at(self.translation().map_or(0, Law::n_kept));
+        if let Some(timeline) = &mut self.translation {
+            timeline.law.put(translation);
+        }
+        if let Some(timeline) = &mut self.rotation {
+            timeline.law.put(rotation);
+        }
+    }
+
+    /// Goes on from a state that an observer of the same design has kept, after [`RigidBodyObserver::put`]: the next
+    /// step is the same to the bit.
+    pub fn resume(&mut self, kept: &RigidBodyState) {
+        if let (Some(timeline), Some(kept)) = (&mut self.translation, &kept.translation) {
+            timeline.resume(kept);
+        }
+        if let (Some(timeline), Some(kept)) = (&mut self.rotation, &kept.rotation) {
+            timeline.resume(kept);
+        }
+        self.fixed_attitude = kept.fixed_attitude;
     }
 
     /// Puts state and weights of the translation back to the last good copy, from which it coasts to now.
@@ -368,7 +486,7 @@ fn fix_hold_ns(gain_per_s: f64, hold_s: f64) -> Result<u64, DesignError> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{Centers, DeadZone, DeadZoneShape, DisturbanceBounds, Kernel, LengthScale, Solver};
+    use crate::{Centers, DeadZone, DeadZoneShape, DisturbanceBounds, Doubt, Kernel, LengthScale, Solver};
     use nalgebra::Matrix3;
 
     const PERIOD_NS: u64 = 5_000_000;
@@ -437,6 +555,90 @@ mod tests {
             });
         }
         samples
+    }
+
+    /// What was kept in the middle of a stream, written down and taken over by an observer with other gains of fixes and
+    /// nothing learned, goes on to the same bits; learned numbers alone do not.
+    #[test]
+    fn another_observer_goes_on_from_a_kept_state_to_the_bit() {
+        let samples = varied_samples();
+        let mut observer = both();
+        samples[..500].iter().for_each(|sample| observer.accept(sample));
+        assert_eq!(observer.kept_state(), None);
+        observer.keep_good_copy();
+        let state = observer.kept_state().unwrap();
+        assert_eq!(state.stamp_ns(), Some(samples[499].stamp_ns));
+        let mut learned = vec![0.0; observer.n_kept()];
+        learned.chunks_mut(37).enumerate().for_each(|(j, chunk)| observer.read_kept(37 * j, chunk));
+        for with_state in [true, false] {
+            let mut original = observer.clone();
+            let mut other = both();
+            other.put(&learned);
+            if with_state {
+                other.resume(&state);
+            }
+            let same = samples[500..].iter().all(|sample| {
+                original.accept(sample);
+                other.accept(sample);
+                let later_ns = sample.stamp_ns + PERIOD_NS / 3;
+                let texts =
+                    [&mut original, &mut other].map(|observer| format!("{:?}", observer.estimate(later_ns)));
+                texts[0] == texts[1]
+            });
+            assert_eq!(same, with_state);
+        }
+    }
+
+    #[test]
+    fn a_spike_is_held_back_as_configured() {
+        let run = |outliers: Option<Doubt>, spike: f64| {
+            let mut observer = both();
+            if let Some(outliers) = outliers {
+                observer.set_plausibility(Plausibility { outliers, factor: 8.0 });
+            }
+            let mut worst = 0.0_f64;
+            for j in 0..1000_u64 {
+                let v = Vector3::new(0.3 * (0.002 * j as f64).sin(), 0.0, 0.0);
+                let error = if j == 700 { spike } else { 0.0 };
+                let velocity = Some(Velocity::Inertial(v + Vector3::new(0.0, error, 0.0)));
+                let stamp_ns = START_NS + j * PERIOD_NS;
+                observer.accept(&Sample { stamp_ns, velocity, ..Sample::default() });
+                if j >= 700 {
+                    let estimate = observer.estimate(stamp_ns + PERIOD_NS);
+                    worst = worst.max((estimate.velocity_m_s - v).norm());
+                }
+            }
+            let norm = observer.estimate(START_NS + 5_000_000_000).translation.unwrap().native_norm;
+            (worst, norm, observer.n_held_back())
+        };
+        let clean = run(None, 0.0);
+        let believed = run(Some(Doubt::Off), 4.0);
+        let corrected = run(Some(Doubt::Adaptation), 4.0);
+        let held_back = run(Some(Doubt::Correction), 4.0);
+        assert_eq!((believed.2, held_back.2), ([0, 0], [1, 0]));
+        // As the spike moves the estimate, the next outputs stand out too.
+        assert!((2..20).contains(&corrected.2[0]), "{corrected:?}");
+        assert_eq!(run(Some(Doubt::Correction), 0.0).2, [0, 0]);
+        assert!(held_back.0 < 1.1 * clean.0 + 1e-3, "{held_back:?} {clean:?}");
+        // It corrects: by 1 − e^{−λh} of the spike.
+        assert!(corrected.0 > 0.15 && believed.0 > 0.15, "{corrected:?} {believed:?}");
+        assert!((held_back.1 - clean.1).abs() < 0.05 * clean.1 + 1e-3, "{held_back:?} {clean:?}");
+        assert!(
+            (believed.1 - clean.1).abs() > 5.0 * (corrected.1 - clean.1).abs(),
+            "{believed:?} {corrected:?}"
+        );
+    }
+
+    /// A stuck sensor corrects, and teaches nothing.
+    #[test]
+    fn what_does_not_teach_is_not_learned_from() {
+        let mut observer = both();
+        observer.set_teaching(false, true);
+        varied_samples().iter().for_each(|sample| observer.accept(sample));
+        let estimate = observer.estimate(START_NS);
+        assert_eq!(estimate.translation.unwrap().native_norm, 0.0);
+        assert!(estimate.rotation.unwrap().native_norm > 0.0);
+        assert!(estimate.velocity_m_s.norm() > 0.0);
     }
 
     #[test]

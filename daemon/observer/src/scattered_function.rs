@@ -190,6 +190,26 @@ impl<const M: usize> ScatteredFunction<M> {
         copy(&self.good, &mut self.learned);
     }
 
+    pub(crate) fn restore_whole_good_copy(&mut self) {
+        self.restore_good_copy();
+    }
+
+    pub(crate) fn good_runs(&self) -> impl Iterator<Item = &[f64]> {
+        self.good.nodal_values.iter().map(Vec::as_slice)
+    }
+
+    pub(crate) fn good_runs_mut(&mut self) -> impl Iterator<Item = &mut [f64]> {
+        self.good.nodal_values.iter_mut().map(Vec::as_mut_slice)
+    }
+
+    pub(crate) fn good_scalars(&self) -> [f64; 1] {
+        [self.good.squared_norm]
+    }
+
+    pub(crate) fn set_good_scalars(&mut self, [squared_norm]: [f64; 1]) {
+        self.good.squared_norm = squared_norm;
+    }
+
     /// ‖f̂_N‖_H by its recursion, in which f̂(y) is the local one.
     pub(crate) fn native_norm(&self) -> f64 {
         self.learned.squared_norm.sqrt()

@@ -9,9 +9,11 @@
 //! then it is carried along as a pending increment.
 
 use crate::certificate::Certificate;
-use crate::law::{Law, Learning};
+use crate::law::{KeptOutput, Law, Learning};
 use crate::learned_function::Evaluation;
+use crate::plausibility::{Doubt, ErrorScale, Plausibility};
 use nalgebra::SVector;
+use serde::{Deserialize, Serialize};
 
 /// The nominal plant with at most M outputs, solved exactly for held inputs.
 pub(crate) trait Plant<const M: usize> {
@@ -33,15 +35,50 @@ pub(crate) trait Plant<const M: usize> {
         h_s: f64,
     ) -> Self::State;
 
+    /// A state that was kept, with the gains of our own.
+    fn resumed(&self, own: &Self::State, kept: &Self::State) -> Self::State;
+
     /// The same without an output: `x̂' = A x̂ + B (u + f̂)`.
     fn coast(&mut self, at: &Moment<Self::State>, force: &SVector<f64, M>, h_s: f64) -> Self::State;
 }
 
 /// The state at one instant.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Moment<S> {
     pub(crate) stamp_ns: u64,
     pub(crate) state: S,
+}
+
+/// All that a channel's future depends on, beside what it learned.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub(crate) struct ChannelState<S, const M: usize> {
+    committed: Option<Moment<S>>,
+    waiting: S,
+    input: SVector<f64, M>,
+    held_until_ns: u64,
+    last_learning_clamped: bool,
+    output_stamp_ns: Option<u64>,
+    output: KeptOutput<M>,
+    error_scale: ErrorScale,
+}
+
+impl<S: Copy, const M: usize> ChannelState<S, M> {
+    /// x̂ at the newest sample, or before the first.
+    pub(crate) fn newest(&self) -> S {
+        self.committed.map_or(self.waiting, |moment| moment.state)
+    }
+
+    /// Stamp of the newest sample (ns).
+    pub(crate) fn stamp_ns(&self) -> Option<u64> {
+        self.committed.map(|moment| moment.stamp_ns)
+    }
+}
+
+/// An output, and whether it may be learned from.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Measured<const M: usize> {
+    pub(crate) output: SVector<f64, M>,
+    pub(crate) teaches: bool,
 }
 
 /// A point of the coasting grid, with f̂ there.
@@ -91,8 +128,11 @@ pub(crate) struct Timeline<P: Plant<M>, const M: usize> {
     trail: [Option<GridPoint<P::State, M>>; TRAIL],
     trail_length: usize,
     trail_end: usize,
+    plausibility: Plausibility,
+    error_scale: ErrorScale,
+    n_held_back: u64,
     /// The last state that was known to be good.
-    good_moment: Option<Moment<P::State>>,
+    good: Option<ChannelState<P::State, M>>,
 }
 
 impl<P: Plant<M>, const M: usize> Timeline<P, M> {
@@ -121,8 +161,21 @@ impl<P: Plant<M>, const M: usize> Timeline<P, M> {
             trail: [None; TRAIL],
             trail_length: 0,
             trail_end: 0,
-            good_moment: None,
+            plausibility: Plausibility::default(),
+            error_scale: ErrorScale::unknown(),
+            n_held_back: 0,
+            good: None,
         }
+    }
+
+    /// From now on outputs are judged by this.
+    pub(crate) fn set_plausibility(&mut self, plausibility: Plausibility) {
+        self.plausibility = plausibility;
+    }
+
+    /// Outputs that stood out and were held back.
+    pub(crate) fn n_held_back(&self) -> u64 {
+        self.n_held_back
     }
 
     /// Moves to the stamp of a new sample, learns from the output held until then, and takes what the
@@ -130,11 +183,11 @@ impl<P: Plant<M>, const M: usize> Timeline<P, M> {
     pub(crate) fn accept(
         &mut self,
         stamp_ns: u64,
-        output: Option<SVector<f64, M>>,
+        measured: Option<Measured<M>>,
         input: Option<SVector<f64, M>>,
         take_fix: impl FnOnce(&mut P::State),
     ) {
-        match (self.committed, output) {
+        match (self.committed, &measured) {
             (Some(committed), _) => {
                 let moment = self.predict(stamp_ns).moment;
                 let learning = self.law.learning(self.held_h_s(&committed, stamp_ns));
@@ -142,8 +195,9 @@ impl<P: Plant<M>, const M: usize> Timeline<P, M> {
                 self.last_learning_clamped = learning.clamped;
                 self.committed = Some(moment);
             }
-            (None, Some(output)) => {
-                self.committed = Some(Moment { stamp_ns, state: self.plant.start(&self.waiting, &output) });
+            (None, Some(first)) => {
+                let state = self.plant.start(&self.waiting, &first.output);
+                self.committed = Some(Moment { stamp_ns, state });
             }
             (None, None) => {}
         }
@@ -154,8 +208,9 @@ impl<P: Plant<M>, const M: usize> Timeline<P, M> {
         });
         if let Some(moment) = &self.committed {
             let output_estimate = self.plant.output(&moment.state);
-            if let Some(output) = output {
-                self.law.observe(&output, &output_estimate);
+            let believed = measured.and_then(|measured| self.believed(measured, &output_estimate, stamp_ns));
+            if let Some(Measured { output, teaches }) = believed {
+                self.law.observe_for(&output, &output_estimate, teaches);
                 self.held_until_ns = stamp_ns.saturating_add(self.hold_ns);
                 self.output_stamp_ns = Some(stamp_ns);
             } else if self.held_until_ns > stamp_ns {
@@ -163,6 +218,26 @@ impl<P: Plant<M>, const M: usize> Timeline<P, M> {
             }
         }
         self.clear_trail();
+    }
+
+    /// What is left of an output that may stand out.
+    fn believed(
+        &mut self,
+        measured: Measured<M>,
+        output_estimate: &SVector<f64, M>,
+        stamp_ns: u64,
+    ) -> Option<Measured<M>> {
+        let Plausibility { outliers, factor } = self.plausibility;
+        if outliers == Doubt::Off {
+            return Some(measured);
+        }
+        let error_norm = (measured.output - output_estimate).norm();
+        let rule = (factor, self.law.dead_zone().width(), self.hold_ns);
+        if !self.error_scale.stands_out(error_norm, stamp_ns, rule) {
+            return Some(measured);
+        }
+        self.n_held_back += 1;
+        (outliers == Doubt::Adaptation).then_some(Measured { teaches: false, ..measured })
     }
 
     /// The estimate at `to_ns`, not before the newest sample. Changes nothing but the coasting grid.
@@ -269,14 +344,44 @@ impl<P: Plant<M>, const M: usize> Timeline<P, M> {
 
     /// Keeps a copy of the committed state and weights. No allocation.
     pub(crate) fn keep_good_copy(&mut self) {
-        self.good_moment = self.committed;
+        self.good = Some(ChannelState {
+            committed: self.committed,
+            waiting: self.waiting,
+            input: self.input,
+            held_until_ns: self.held_until_ns,
+            last_learning_clamped: self.last_learning_clamped,
+            output_stamp_ns: self.output_stamp_ns,
+            output: self.law.kept_output(),
+            error_scale: self.error_scale,
+        });
         self.law.keep_good_copy();
     }
 
     /// Puts state and weights back to the last good copy, from which it coasts to now. No allocation.
     pub(crate) fn restore_good_copy(&mut self) {
-        self.put_back(self.good_moment);
+        self.put_back(self.good.and_then(|good| good.committed));
         self.law.restore_good_copy();
+    }
+
+    /// The state of the last good copy.
+    pub(crate) fn kept_state(&self) -> Option<ChannelState<P::State, M>> {
+        self.good
+    }
+
+    /// Goes on from a state that another timeline of the same design has kept: with what that one had learned, the
+    /// next step is the same to the bit.
+    pub(crate) fn resume(&mut self, kept: &ChannelState<P::State, M>) {
+        let resumed = |state: &P::State| self.plant.resumed(&self.initial, state);
+        self.waiting = resumed(&kept.waiting);
+        let committed =
+            kept.committed.map(|Moment { stamp_ns, state }| Moment { stamp_ns, state: resumed(&state) });
+        self.put_back(committed);
+        self.input = kept.input;
+        self.held_until_ns = kept.held_until_ns;
+        self.last_learning_clamped = kept.last_learning_clamped;
+        self.output_stamp_ns = kept.output_stamp_ns;
+        self.error_scale = kept.error_scale;
+        self.law.resume(&kept.output);
     }
 
     /// Forgets the state, not what was learned: starts again from the next output, at any stamp.
@@ -285,6 +390,7 @@ impl<P: Plant<M>, const M: usize> Timeline<P, M> {
         self.output_stamp_ns = None;
         self.input = SVector::zeros();
         self.last_learning_clamped = false;
+        self.error_scale = ErrorScale::unknown();
         self.put_back(None);
     }
 
