@@ -52,8 +52,10 @@ enum Task {
         after_help = "Examples:\n  bench paper --scenario translation\n  bench paper --scenario translation --dead-zone saturated --adaptation-rate 100\n  bench paper --scenario rotation --dead-zone saturated --width 0.02"
     )]
     Paper(paper::PaperArguments),
-    /// Accuracy on a recorded flight, beside a Kalman filter; offline.
-    #[command(after_help = "Example: bench replay --format acsl log_20240613_121802.log --plot coasts.png")]
+    /// Accuracy on a recorded flight, beside a Kalman filter; offline. Or: whether a flight record replays to the bit.
+    #[command(
+        after_help = "Examples:\n  bench replay --format acsl log_20240613_121802.log --plot coasts.png\n  bench replay --check flight.rec"
+    )]
     Replay(replay::ReplayArguments),
 }
 

@@ -18,6 +18,7 @@
 //! | `processes` | | the programs as processes in a domain of their own |
 //! | `machine` | | what machine the figures are of |
 
+mod check;
 pub mod cli;
 pub mod demo;
 mod exchange;

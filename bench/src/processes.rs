@@ -106,6 +106,8 @@ impl Child {
             .args(arguments)
             .arg("--root")
             .arg(domain.domain().root())
+            // What a measurement teaches is nobody's to keep.
+            .env("OBSERVER_STATE", "none")
             .stdin(Stdio::null())
             .stdout(output.try_clone()?)
             .stderr(log.try_clone()?)

@@ -5,6 +5,7 @@
 //! the same coasts over the whole flight but its first 2 s, learning as it goes. The Kalman filter's q is
 //! swept, and each of its columns shows the best of all q: in its favour.
 
+use crate::check;
 use crate::kalman::KalmanFilter;
 use crate::plot::{self, Line, LineStyle, Panel};
 use anyhow::{Context, ensure};
@@ -37,8 +38,11 @@ pub struct ReplayArguments {
     /// The recorded flight.
     file: PathBuf,
     /// How it is written.
-    #[arg(long, value_enum)]
-    format: Format,
+    #[arg(long, value_enum, required_unless_present = "check")]
+    format: Option<Format>,
+    /// The file is a record of `daemon run --record`: replay it and compare every estimate to the bit.
+    #[arg(long, conflicts_with_all = ["format", "config", "preset", "column", "map", "plot"])]
+    check: bool,
     /// Configuration file [default: preset acsl-x8 for --format acsl, rigid-body otherwise].
     #[arg(long, value_name = "FILE", conflicts_with = "preset")]
     config: Option<PathBuf>,
@@ -92,7 +96,8 @@ struct Document {
 /// # Errors
 /// The flight or the configuration cannot be read, or the flight is too short.
 pub fn run(arguments: &ReplayArguments) -> anyhow::Result<()> {
-    let (config, configuration) = match (&arguments.config, &arguments.preset, arguments.format) {
+    let Some(format) = arguments.format else { return check::run(&arguments.file, arguments.json) };
+    let (config, configuration) = match (&arguments.config, &arguments.preset, format) {
         (Some(path), _, _) => (ConfigFile::read(path)?, path.display().to_string()),
         (None, Some(name), _) => (ConfigFile::preset(name)?, format!("preset {name}")),
         (None, None, Format::Acsl) => (ConfigFile::preset("acsl-x8")?, "preset acsl-x8".into()),
@@ -102,7 +107,7 @@ pub fn run(arguments: &ReplayArguments) -> anyhow::Result<()> {
         plot::check_target(file)?;
     }
     let map = CsvMap::read(arguments.map.as_deref(), &arguments.column)?;
-    let flight = read_flight(arguments.format, &arguments.file, &map)?;
+    let flight = read_flight(format, &arguments.file, &map)?;
     if flight.skipped_rows() > 0 {
         logln!("bench: {}", flight.skipped);
     }

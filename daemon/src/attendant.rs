@@ -1,26 +1,36 @@
 //! The attendant: everything of the service that is not the loop. It gathers the loop's records, publishes
 //! the status, answers commands and writes the log, on a thread of its own.
 
-use crate::cycle::{LoopCommand, TickRecord};
+use crate::cycle::TickRecord;
+use crate::engine::LoopCommand;
 use crate::ports::AttendantPorts;
+use crate::record::RecorderProgress;
 use crate::say;
+use crate::snapshot::SaverHandle;
 use hdrhistogram::Histogram;
 use shared_types::clock::monotonic_ns;
 use shared_types::payload::{LatencySummary, Rejection, Reply, Status, command, outcome};
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::{Arc, mpsc};
 use std::time::{Duration, Instant};
 
 const LOOK_EVERY: Duration = Duration::from_millis(5);
 const STATUS_EVERY: Duration = Duration::from_millis(200);
 /// A loop that has not carried out a command after this long is stuck, and the operator is told so.
 const LOOP_PATIENCE: Duration = Duration::from_secs(2);
+/// A disk may be slow, and a million centers are read in parts.
+const SAVE_PATIENCE: Duration = Duration::from_secs(15);
 
-/// The wait-free rings between the attendant thread and the loop.
+/// The wait-free rings between the attendant thread and the loop, and what the writers tell.
 pub struct AttendantRings {
     /// From the loop.
     pub records: rtrb::Consumer<TickRecord>,
     /// To the loop.
     pub commands: rtrb::Producer<LoopCommand>,
+    /// Of the saver thread, if there is one.
+    pub saver: Option<SaverHandle>,
+    /// What the recorder thread has done, if there is one.
+    pub record_progress: Option<Arc<RecorderProgress>>,
 }
 
 /// The attendant's state.
@@ -34,6 +44,8 @@ pub struct Attendant {
     source_to_publish: Latency,
     start_ns: u64,
     rate_millihertz: u64,
+    restored: u64,
+    most_late_ticks_in_a_row: u64,
     statuses: u64,
     logged: Logged,
 }
@@ -50,11 +62,17 @@ struct Logged {
     ticks_coasting: u64,
     samples_accepted: u64,
     looks_with_rare_samples: u32,
+    outputs_held_back: [u64; 3],
+    outputs_stuck: [u64; 3],
+    ticks_predict_only: u64,
+    ticks_invalid: u64,
+    ticks_not_recorded: u64,
 }
 
 impl Attendant {
-    /// An attendant of a loop of `rate_hz` that starts now.
-    pub fn new(ports: AttendantPorts, rings: AttendantRings, rate_hz: f64) -> Self {
+    /// An attendant of a loop of `rate_hz` that starts now with what was `restored`, one of
+    /// [`shared_types::payload::restored`].
+    pub fn new(ports: AttendantPorts, rings: AttendantRings, rate_hz: f64, restored: u64) -> Self {
         Self {
             ports,
             rings,
@@ -65,6 +83,8 @@ impl Attendant {
             source_to_publish: Latency::new(),
             start_ns: monotonic_ns(),
             rate_millihertz: (rate_hz * 1e3).round() as u64,
+            restored,
+            most_late_ticks_in_a_row: 0,
             statuses: 0,
             logged: Logged::default(),
         }
@@ -93,6 +113,7 @@ impl Attendant {
             self.step.note(Some(record.step_ns));
             self.input_age.note(record.input_age_ns);
             self.source_to_publish.note(record.source_to_publish_ns);
+            self.most_late_ticks_in_a_row = self.most_late_ticks_in_a_row.max(record.late_ticks_in_a_row);
             self.newest = Some(record);
         }
     }
@@ -115,8 +136,20 @@ impl Attendant {
             step_ns: self.step.summary(),
             input_age_ns: self.input_age.summary(),
             source_to_publish_ns: self.source_to_publish.summary(),
+            snapshot_restored: self.restored,
+            most_late_ticks_in_a_row: self.most_late_ticks_in_a_row,
             ..Status::default()
         };
+        let read = |counter: &AtomicU64| counter.load(Ordering::Relaxed);
+        if let Some(SaverHandle { progress, .. }) = &self.rings.saver {
+            status.snapshots_saved = read(&progress.saved);
+            status.snapshots_failed = read(&progress.failed);
+            status.snapshot_stamp_ns = read(&progress.stamp_ns);
+        }
+        if let Some(progress) = &self.rings.record_progress {
+            status.ticks_recorded = read(&progress.written);
+            status.ticks_not_recorded = read(&progress.failed);
+        }
         let Some(record) = &self.newest else { return status };
         let counters = &record.counters;
         status.ticks = counters.ticks;
@@ -130,6 +163,12 @@ impl Attendant {
         status.source_changes = counters.source_changes;
         status.commands = counters.commands;
         status.records_dropped = counters.records_dropped;
+        status.outputs_held_back = counters.outputs_held_back;
+        status.outputs_stuck = counters.outputs_stuck;
+        status.late_ticks_in_a_row = record.late_ticks_in_a_row;
+        status.ticks_predict_only = counters.ticks_predict_only;
+        status.ticks_invalid = counters.ticks_invalid;
+        status.ticks_not_recorded += counters.ticks_not_recorded;
         status.newest_sequence = record.newest_sequence;
         if let Some(stamp_ns) = record.newest_stamp_ns {
             status.newest_sample_age_ns = status.stamp_ns.saturating_sub(stamp_ns);
@@ -154,11 +193,7 @@ impl Attendant {
             command::FREEZE => (LoopCommand::Freeze, "adaptation frozen; what was learned stays in use"),
             command::THAW => (LoopCommand::Thaw, "adaptation resumed"),
             command::STATUS => return Reply::new(outcome::DONE, "running", self.status()),
-            command::SAVE => {
-                let message =
-                    "this version keeps no snapshots: the learned weights live as long as the service";
-                return Reply::new(outcome::REFUSED, message, self.status());
-            }
+            command::SAVE => return self.save(),
             _ => {
                 let message = format!("command {kind} is unknown; needed: 1 … 5");
                 return Reply::new(outcome::UNKNOWN, &message, self.status());
@@ -175,6 +210,27 @@ impl Attendant {
             std::thread::sleep(Duration::from_millis(1));
         }
         let message = format!("the loop did not answer within {} s: it is stuck", LOOP_PATIENCE.as_secs());
+        Reply::new(outcome::REFUSED, &message, self.status())
+    }
+
+    fn save(&mut self) -> Reply {
+        let Some(SaverHandle { wishes, .. }) = &self.rings.saver else {
+            let message = "no directory for snapshots: start it with --state DIR";
+            return Reply::new(outcome::REFUSED, message, self.status());
+        };
+        let (answer, answered) = mpsc::sync_channel(1);
+        let wished = wishes.send(answer).is_ok();
+        let deadline = Instant::now() + SAVE_PATIENCE;
+        while wished && Instant::now() < deadline {
+            self.gather();
+            match answered.recv_timeout(LOOK_EVERY) {
+                Ok(Ok(message)) => return Reply::new(outcome::DONE, &message, self.status()),
+                Ok(Err(message)) => return Reply::new(outcome::REFUSED, &message, self.status()),
+                Err(mpsc::RecvTimeoutError::Timeout) => {}
+                Err(mpsc::RecvTimeoutError::Disconnected) => break,
+            }
+        }
+        let message = format!("nothing was saved within {} s", SAVE_PATIENCE.as_secs());
         Reply::new(outcome::REFUSED, &message, self.status())
     }
 
@@ -213,6 +269,7 @@ impl Attendant {
             self.logged.rejected[reason as usize] = now;
         }
         self.log_rare_samples();
+        self.log_doubts();
         if counters.state_resets != self.logged.state_resets {
             self.logged.state_resets = counters.state_resets;
             eprintln!(
@@ -243,6 +300,55 @@ impl Attendant {
             say!(
                 "samples keep coming, and yet {coasting} of {ticks} ticks coast: is a sensor slower than rate_hz, or lossy? \
                  (translation.sample_rate_hz, rotation.sample_rate_hz)"
+            );
+        }
+    }
+}
+
+/// The channels by their measured quantity, as the counters of three are ordered.
+const QUANTITIES: [&str; 3] = ["velocity", "angular velocity", "output"];
+
+impl Attendant {
+    /// Outputs that were doubted, and a loop that is late: the first of a kind, then each power of ten.
+    fn log_doubts(&mut self) {
+        let Some(record) = &self.newest else { return };
+        let counters = record.counters;
+        let is_news = |before: &mut u64, now: u64| {
+            let is_news = now.checked_ilog10() > before.checked_ilog10();
+            *before = now;
+            is_news
+        };
+        let logged = &mut self.logged;
+        for (place, quantity) in QUANTITIES.into_iter().enumerate() {
+            let (held_back, stuck) = (counters.outputs_held_back[place], counters.outputs_stuck[place]);
+            if is_news(&mut logged.outputs_held_back[place], held_back) {
+                say!(
+                    "{held_back} measurements of the {quantity} stand out and are held back (input.outliers)"
+                );
+            }
+            if is_news(&mut logged.outputs_stuck[place], stuck) {
+                say!(
+                    "the sensor of the {quantity} is stuck: it repeats one value to the bit (input.stuck), {stuck} samples by now"
+                );
+            }
+        }
+        if is_news(&mut logged.ticks_predict_only, counters.ticks_predict_only) {
+            say!(
+                "warning: the loop is late, {} ticks in a row: samples are not used ({} ticks by now); a lower rate_hz or fewer centers would help",
+                record.late_ticks_in_a_row,
+                counters.ticks_predict_only
+            );
+        }
+        if is_news(&mut logged.ticks_invalid, counters.ticks_invalid) {
+            say!(
+                "warning: the loop is late for too long: {} estimates are marked invalid by now",
+                counters.ticks_invalid
+            );
+        }
+        if is_news(&mut logged.ticks_not_recorded, counters.ticks_not_recorded) {
+            say!(
+                "warning: the disk is too slow: {} ticks are not recorded by now",
+                counters.ticks_not_recorded
             );
         }
     }

@@ -4,20 +4,23 @@
 //! configuration.
 
 use crate::config::{ConfigError, ConfigFile, PRESETS};
-use crate::{Service, StartError, check, say};
+use crate::snapshot::{Snapshot, SnapshotError};
+use crate::{Service, ServiceFiles, StartError, check, say};
 use anyhow::Context;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use comfy_table::{Table, presets::NOTHING};
 use shared_types::outln;
-use shared_types::payload::{LatencySummary, Rejection, Status, command, outcome};
+use shared_types::payload::{LatencySummary, Rejection, Status, command, outcome, restored};
 use shared_types::{Client, ClientError, Domain, DomainError};
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 use std::ffi::OsString;
-use std::path::PathBuf;
+use std::fs::DirBuilder;
+use std::os::unix::fs::DirBuilderExt;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::time::Duration;
+use std::time::{Duration, UNIX_EPOCH};
 
 /// State estimation next to a flight or underwater vehicle's process.
 ///
@@ -41,6 +44,13 @@ enum Task {
         design: DesignArguments,
         #[command(flatten)]
         place: PlaceArguments,
+        #[command(flatten)]
+        files: FileArguments,
+    },
+    /// Look at a snapshot of what was learned.
+    Snapshot {
+        #[command(subcommand)]
+        task: SnapshotTask,
     },
     /// Print the effective configuration as commented TOML: a file to start from.
     #[command(after_help = "Example: daemon config --preset rigid-body > vehicle.toml")]
@@ -88,6 +98,58 @@ struct DesignArguments {
     rate_hz: Option<f64>,
 }
 
+#[derive(Debug, Subcommand)]
+enum SnapshotTask {
+    /// Print what is inside.
+    Show {
+        /// The snapshot.
+        file: PathBuf,
+        /// Print one JSON document.
+        #[arg(long)]
+        json: bool,
+    },
+}
+
+#[derive(Debug, Args)]
+struct FileArguments {
+    /// Directory of the snapshots; "none" keeps none [default: $STATE_DIRECTORY, $XDG_STATE_HOME/observer or ~/.local/state/observer].
+    #[arg(long, value_name = "DIR", env = "OBSERVER_STATE")]
+    state: Option<PathBuf>,
+    /// Begin anew instead of with the snapshot, which is kept as .old.
+    #[arg(long)]
+    fresh: bool,
+    /// Append every sample and tick to this file; `bench replay --check FILE` replays it to the same bits.
+    #[arg(long, value_name = "FILE")]
+    record: Option<PathBuf>,
+}
+
+impl FileArguments {
+    fn files(&self) -> anyhow::Result<ServiceFiles> {
+        let state = match &self.state {
+            Some(none) if none.as_os_str() == "none" => None,
+            Some(directory) => Some(directory.clone()),
+            None => default_state_directory(),
+        };
+        match &state {
+            None => say!("no snapshots: what is learned lives as long as the service (--state DIR keeps it)"),
+            Some(directory) => {
+                DirBuilder::new().recursive(true).mode(0o700).create(directory).with_context(|| {
+                    format!("make the directory of the snapshots '{}'", directory.display())
+                })?
+            }
+        }
+        Ok(ServiceFiles { state, is_fresh: self.fresh, record: self.record.clone() })
+    }
+}
+
+/// Of the service manager, or of the user.
+fn default_state_directory() -> Option<PathBuf> {
+    let absolute = |name: &str| std::env::var_os(name).map(PathBuf::from).filter(|path| path.is_absolute());
+    absolute("STATE_DIRECTORY")
+        .or_else(|| Some(absolute("XDG_STATE_HOME")?.join("observer")))
+        .or_else(|| Some(absolute("HOME")?.join(".local/state/observer")))
+}
+
 #[derive(Debug, Args)]
 struct PlaceArguments {
     /// Name of the vehicle; its services are NAME/measurement, NAME/estimate, …
@@ -122,7 +184,8 @@ pub fn main_with_args(args: impl IntoIterator<Item = OsString>) -> ExitCode {
         }
     };
     let done = match arguments.command {
-        Task::Run { design, place } => run(&design, &place),
+        Task::Run { design, place, files } => run(&design, &place, &files),
+        Task::Snapshot { task: SnapshotTask::Show { file, json } } => show_snapshot(&file, json),
         Task::Config { design } => config(&design),
         Task::Check { json, design } => check(json, &design),
         Task::Control { action, json, place } => control(action, json, &place),
@@ -133,6 +196,7 @@ pub fn main_with_args(args: impl IntoIterator<Item = OsString>) -> ExitCode {
             say!("{error:#}");
             let wrong_usage = error.is::<ConfigError>()
                 || error.is::<DomainError>()
+                || matches!(error.downcast_ref(), Some(SnapshotError::Damaged { .. }))
                 || error.downcast_ref::<StartError>().is_some_and(StartError::is_wrong_usage);
             ExitCode::from(if wrong_usage { 2 } else { 1 })
         }
@@ -161,14 +225,15 @@ impl PlaceArguments {
     }
 }
 
-fn run(design: &DesignArguments, place: &PlaceArguments) -> anyhow::Result<()> {
+fn run(design: &DesignArguments, place: &PlaceArguments, files: &FileArguments) -> anyhow::Result<()> {
     let config = design.read()?;
     let domain = place.domain()?;
+    let files = files.files()?;
     let stop = Arc::new(AtomicBool::new(false));
     for signal in [SIGINT, SIGTERM, SIGHUP] {
         signal_hook::flag::register(signal, Arc::clone(&stop)).context("register signal handler")?;
     }
-    let service = Service::start(&config, &domain, &place.instance)?;
+    let service = Service::start(&config, &domain, &place.instance, &files)?;
     say!(
         "instance '{}' in {} at {} Hz; stop it with Ctrl-C or SIGTERM",
         place.instance,
@@ -188,6 +253,46 @@ fn run(design: &DesignArguments, place: &PlaceArguments) -> anyhow::Result<()> {
         status.samples_rejected_total(),
         status.deadline_misses
     );
+    Ok(())
+}
+
+fn show_snapshot(file: &Path, json: bool) -> anyhow::Result<()> {
+    let snapshot = Snapshot::read(file)?;
+    if json {
+        outln!("{}", serde_json::to_string_pretty(&snapshot)?);
+        return Ok(());
+    }
+    let made = UNIX_EPOCH.elapsed().map_or(0, |now| now.as_secs().saturating_sub(snapshot.made_unix_s));
+    let mut facts = Table::new();
+    facts.load_style(NOTHING);
+    let mut fact = |name: &str, value: String| {
+        facts.add_row([name, &value]);
+    };
+    fact("instance", snapshot.instance);
+    fact("made", format!("{made} s ago, by version {}", snapshot.program_version));
+    fact("samples used", snapshot.samples_accepted.to_string());
+    let learned = &snapshot.kept.learned;
+    let nonzero = learned.iter().filter(|number| **number != 0.0).count();
+    fact("learned", format!("{} numbers, {nonzero} of them not zero", learned.len()));
+    let state = snapshot.kept.state.map(|state| state.estimator);
+    let numbers = |values: &[f64]| values.iter().map(|x| format!("{x:.4}")).collect::<Vec<_>>().join(" ");
+    if let Some(body) = state.and_then(|state| state.rigid_body) {
+        if let Some((position, velocity)) = body.position_and_velocity() {
+            fact("position (m)", numbers(position.as_slice()));
+            fact("velocity (m/s)", numbers(velocity.as_slice()));
+        }
+        if let Some((attitude, angular_velocity)) = body.attitude_and_angular_velocity() {
+            fact("attitude wxyz", numbers(&[attitude.w, attitude.i, attitude.j, attitude.k]));
+            fact("angular velocity (rad/s)", numbers(angular_velocity.as_slice()));
+        }
+    }
+    if let Some(linear) = state.and_then(|state| state.linear) {
+        fact("state", numbers(linear.state().as_slice()));
+    }
+    for (key, value) in snapshot.meaning {
+        fact(&key, value);
+    }
+    outln!("{facts}");
     Ok(())
 }
 
@@ -216,7 +321,7 @@ fn control(action: ControlAction, json: bool, place: &PlaceArguments) -> anyhow:
     let domain = place.domain()?;
     let answer = (|| {
         let client = Client::connect(&domain, &place.instance, Duration::from_millis(500))?;
-        client.command(action.kind(), Duration::from_secs(3))
+        client.command(action.kind(), Duration::from_secs(20))
     })();
     // A domain that only this question has made is taken away again, if it can be.
     let _ = domain.remove_if_unused();
@@ -279,6 +384,35 @@ fn print_status(status: &Status) {
     fact("coasting", format!("{} ticks", status.ticks_coasting));
     fact("clamped", format!("{} ticks", status.ticks_clamped));
     fact("state resets", status.state_resets.to_string());
+    let [v, w, y] = status.outputs_held_back;
+    fact("held back", format!("{v} velocities, {w} angular velocities, {y} outputs that stand out"));
+    let [v, w, y] = status.outputs_stuck;
+    fact("stuck", format!("{v} velocities, {w} angular velocities, {y} outputs"));
+    fact(
+        "late ticks",
+        format!(
+            "{} in a row now, {} at most; {} predicted only, {} invalid",
+            status.late_ticks_in_a_row,
+            status.most_late_ticks_in_a_row,
+            status.ticks_predict_only,
+            status.ticks_invalid
+        ),
+    );
+    let restored = match status.snapshot_restored {
+        restored::LEARNED => "what was learned restored at the start",
+        restored::LEARNED_AND_STATE => "what was learned and the state restored at the start",
+        _ => "nothing restored at the start",
+    };
+    let newest = match status.snapshot_stamp_ns {
+        0 => "none yet".into(),
+        stamp_ns => format!("newest {:.1} s ago", seconds(status.stamp_ns.saturating_sub(stamp_ns))),
+    };
+    let failed = status.snapshots_failed;
+    fact("snapshots", format!("{} saved, {failed} failed, {newest}; {restored}", status.snapshots_saved));
+    fact(
+        "flight record",
+        format!("{} ticks, {} not recorded", status.ticks_recorded, status.ticks_not_recorded),
+    );
     outln!("{facts}\n");
 
     let mut latencies = Table::new();

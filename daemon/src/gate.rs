@@ -4,6 +4,7 @@
 use crate::config::{InputConfig, SourcePolicy};
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 use observer::{LinearOutput, Sample, Velocity};
+use serde::{Deserialize, Serialize};
 use shared_types::Measurement;
 use shared_types::payload::{Rejection, frame, valid};
 
@@ -30,6 +31,8 @@ pub struct Accepted {
     /// Whether its stamp does not go on from the one before: the state must start again. Only where the
     /// samples are the clock.
     pub new_time: bool,
+    /// Whether velocity, angular velocity, output repeat one value to the bit for longer than a living sensor does.
+    pub stuck: [bool; 3],
 }
 
 /// What was measured of a general linear plant and commanded to it.
@@ -42,7 +45,7 @@ pub struct LinearSample {
 }
 
 /// The source in use and its newest accepted sample.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 struct Newest {
     source: u128,
     sequence: u64,
@@ -62,15 +65,50 @@ pub struct Gate {
     limits: InputConfig,
     /// Whether stamps are compared with the clock.
     check_clock: bool,
+    seen: GateState,
+}
+
+/// What a gate has seen: all that its future depends on.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+pub struct GateState {
     newest: Option<Newest>,
     other_source: Option<u128>,
     replaced: [Option<u128>; REPLACED],
+    /// Of velocity, angular velocity, output.
+    repeats: [Repeats; 3],
+}
+
+/// How often a sensor repeats one value.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+struct Repeats {
+    value: [f64; 6],
+    count: u64,
+}
+
+impl Repeats {
+    /// How often this value was the one before, too.
+    fn after(&self, value: &[f64]) -> Self {
+        let mut padded = [0.0; 6];
+        padded[..value.len()].copy_from_slice(value);
+        let is_same = padded.map(f64::to_bits) == self.value.map(f64::to_bits);
+        Self { value: padded, count: if is_same { self.count.saturating_add(1) } else { 0 } }
+    }
 }
 
 impl Gate {
     /// A gate that has seen nothing. `check_clock` is false where the samples are the clock.
     pub fn new(limits: InputConfig, check_clock: bool) -> Self {
-        Self { limits, check_clock, newest: None, other_source: None, replaced: [None; REPLACED] }
+        Self { limits, check_clock, seen: GateState::default() }
+    }
+
+    /// What it has seen.
+    pub fn state(&self) -> GateState {
+        self.seen
+    }
+
+    /// Goes on from what another gate has seen.
+    pub fn resume(&mut self, seen: &GateState) {
+        self.seen = *seen;
     }
 
     /// Judges a sample of `source` that was taken from the queue at `now_ns`.
@@ -85,13 +123,14 @@ impl Gate {
     ) -> Result<Accepted, Rejection> {
         let Measurement { sequence, stamp_ns, .. } = *measurement;
         match self.check(measurement, source, now_ns) {
-            Ok(accepted) => {
+            Ok(mut accepted) => {
+                accepted.stuck = self.stuck(measurement);
                 if let Some(before) = self.source().filter(|&before| before != source) {
-                    self.replaced.rotate_right(1);
-                    self.replaced[0] = Some(before);
-                    self.other_source = Some(before);
+                    self.seen.replaced.rotate_right(1);
+                    self.seen.replaced[0] = Some(before);
+                    self.seen.other_source = Some(before);
                 }
-                self.newest = Some(Newest {
+                self.seen.newest = Some(Newest {
                     source,
                     sequence,
                     stamp_ns,
@@ -102,50 +141,71 @@ impl Gate {
                 Ok(accepted)
             }
             Err(reason) => {
-                match &mut self.newest {
-                    Some(newest) if newest.source != source => self.other_source = Some(source),
-                    Some(newest)
-                        if (1..=LARGEST_GAP).contains(&sequence.saturating_sub(newest.seen_sequence)) =>
-                    {
-                        newest.lost_before_seen += sequence - newest.seen_sequence - 1;
-                        newest.seen_sequence = sequence;
-                    }
-                    _ => {}
-                }
+                self.turn_away(measurement, source);
                 Err(reason)
             }
         }
     }
 
+    /// Sees a sample that is not to be used: it is not lost.
+    pub fn turn_away(&mut self, measurement: &Measurement, source: u128) {
+        let sequence = measurement.sequence;
+        match &mut self.seen.newest {
+            Some(newest) if newest.source != source => self.seen.other_source = Some(source),
+            Some(newest) if (1..=LARGEST_GAP).contains(&sequence.saturating_sub(newest.seen_sequence)) => {
+                newest.lost_before_seen += sequence - newest.seen_sequence - 1;
+                newest.seen_sequence = sequence;
+            }
+            _ => {}
+        }
+    }
+
+    fn stuck(&mut self, m: &Measurement) -> [bool; 3] {
+        let fields: [(u32, &[f64]); 3] = [
+            (valid::VELOCITY, &m.velocity_m_s),
+            (valid::ANGULAR_VELOCITY, &m.angular_velocity_rad_s),
+            (valid::OUTPUT, &m.output),
+        ];
+        std::array::from_fn(|place| {
+            let ((field, value), repeats) = (fields[place], &mut self.seen.repeats[place]);
+            if m.has(field) {
+                *repeats = repeats.after(value);
+            }
+            m.has(field)
+                && self.limits.stuck_after_samples > 0
+                && repeats.count >= self.limits.stuck_after_samples
+        })
+    }
+
     /// Starts again with whatever comes next.
     pub fn forget(&mut self) {
-        (self.newest, self.other_source, self.replaced) = (None, None, [None; REPLACED]);
+        self.seen = GateState::default();
     }
 
     /// The source in use.
     pub fn source(&self) -> Option<u128> {
-        self.newest.map(|newest| newest.source)
+        self.seen.newest.map(|newest| newest.source)
     }
 
     /// Another source whose samples were refused.
     pub fn other_source(&self) -> Option<u128> {
-        self.other_source
+        self.seen.other_source
     }
 
     /// Stamp of the newest accepted sample (ns).
     pub fn newest_stamp_ns(&self) -> Option<u64> {
-        self.newest.map(|newest| newest.stamp_ns)
+        self.seen.newest.map(|newest| newest.stamp_ns)
     }
 
     /// Sequence of the newest accepted sample.
     pub fn newest_sequence(&self) -> Option<u64> {
-        self.newest.map(|newest| newest.sequence)
+        self.seen.newest.map(|newest| newest.sequence)
     }
 
     fn check(&self, m: &Measurement, source: u128, now_ns: u64) -> Result<Accepted, Rejection> {
         let sample = sample_of(m, &self.limits)?;
         let linear = linear_sample_of(m, &self.limits)?;
-        let anew = Accepted { sample, linear, lost: 0, new_source: true, new_time: false };
+        let anew = Accepted { sample, linear, lost: 0, new_source: true, new_time: false, stuck: [false; 3] };
         if self.check_clock {
             if m.stamp_ns > now_ns.saturating_add(nanoseconds(self.limits.max_future_s)) {
                 return Err(Rejection::FarFuture);
@@ -157,11 +217,12 @@ impl Gate {
             // No clock has run for a century: arithmetic with such a stamp would overflow.
             return Err(Rejection::FarFuture);
         }
-        let Some(newest) = &self.newest else { return Ok(anew) };
+        let Some(newest) = &self.seen.newest else { return Ok(anew) };
 
         let silent = now_ns.saturating_sub(newest.arrival_ns) >= nanoseconds(self.limits.takeover_after_s);
         let other = source != newest.source;
-        let appeared = self.limits.source == SourcePolicy::Newest && !self.replaced.contains(&Some(source));
+        let appeared =
+            self.limits.source == SourcePolicy::Newest && !self.seen.replaced.contains(&Some(source));
         if other && !silent && !appeared {
             return Err(Rejection::OtherSource);
         }
@@ -320,6 +381,31 @@ mod tests {
         for (measurement, reason) in cases {
             assert_rejected(judge(&mut gate(SourcePolicy::First), &measurement), reason);
         }
+    }
+
+    #[test]
+    fn a_sensor_that_repeats_one_value_is_stuck() {
+        let limits = InputConfig { stuck_after_samples: 5, ..InputConfig::default() };
+        let mut gate = Gate::new(limits, true);
+        let mut stuck = |sequence: u64, change: &dyn Fn(Measurement) -> Measurement| {
+            judge(&mut gate, &change(sample(sequence))).unwrap().stuck
+        };
+        // The sixth of six equal ones; one that is missing in between is no other value.
+        (0..5).for_each(|j| assert_eq!(stuck(j, &|m| m), [false; 3], "{j}"));
+        assert_eq!(stuck(5, &|m| m), [true, false, false]);
+        let without = |m: Measurement| Measurement { valid: valid::OUTPUT, ..m };
+        assert_eq!(stuck(6, &without), [false; 3]);
+        assert_eq!(stuck(7, &|m| m.with_angular_velocity_rad_s([0.1; 3])), [true, false, false]);
+        assert_eq!(stuck(8, &|m| m.with_velocity_m_s([1.0, 2.0, 3.0 + 1e-15])), [false; 3]);
+    }
+
+    #[test]
+    fn what_is_turned_away_is_not_lost() {
+        let mut gate = gate(SourcePolicy::First);
+        assert_accepted(judge(&mut gate, &sample(0)), 0, true);
+        gate.turn_away(&sample(2), 1);
+        gate.turn_away(&sample(3), 1);
+        assert_accepted(judge(&mut gate, &sample(4)), 1, false);
     }
 
     #[test]

@@ -6,15 +6,20 @@
 //!                              │ ▲  wait-free rings
 //!                              ▼ │
 //! operator ◀──control,status── the attendant thread ─▶ log
+//!                              the saver thread ─▶ snapshot
+//!                              the recorder thread ─▶ flight record
 //! ```
 //!
 //! | module | holds |
 //! |---|---|
 //! | [`config`] | TOML in, checked design out |
 //! | [`gate`] | which samples are believed |
+//! | [`engine`] | all that decides an estimate, without clock and ports |
 //! | [`cycle`] | the tick |
 //! | [`ports`] | the iceoryx2 ports of the service |
 //! | [`realtime`] | what a thread asks of the system so that it is on time |
+//! | [`snapshot`] | what was learned, in a file; resumed at the start |
+//! | [`record`] | the flight record, and its replay to the same bits |
 //! | [`attendant`] | status, commands, log |
 //! | [`cli`] | the command line |
 
@@ -23,10 +28,13 @@ pub mod check;
 pub mod cli;
 pub mod config;
 pub mod cycle;
+pub mod engine;
 pub mod estimator;
 pub mod gate;
 pub mod ports;
 pub mod realtime;
+pub mod record;
+pub mod snapshot;
 
 /// Writes a line to the log, stderr. Whether anyone reads it is not the service's concern.
 macro_rules! say {
@@ -37,10 +45,14 @@ pub(crate) use say;
 use attendant::{Attendant, AttendantRings};
 use config::{ConfigError, ConfigFile};
 use cycle::{Cycle, LoopRings};
+use engine::Engine;
 use ports::{AttendantPorts, LoopPorts, PortsError};
+use record::{RecorderRing, Session};
 use shared_types::domain::InstanceClaim;
 use shared_types::service::{ServiceError, check_instance_name};
 use shared_types::{Domain, DomainError, Status};
+use snapshot::SnapshotError;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc;
@@ -58,6 +70,19 @@ pub enum StartError {
     /// Shared memory was refused.
     #[error(transparent)]
     Ports(#[from] PortsError),
+    /// The snapshot was refused.
+    #[error(transparent)]
+    Snapshot(#[from] SnapshotError),
+    /// The flight record cannot be written.
+    #[error(
+        "flight record '{path}': {cause}; needed: a file that can be written, in a directory that is there"
+    )]
+    Record {
+        /// The file.
+        path: String,
+        /// The system's reason.
+        cause: std::io::Error,
+    },
     /// A thread could not be started, or ended at once.
     #[error("the {0} thread did not start")]
     Thread(&'static str),
@@ -72,18 +97,43 @@ impl From<DomainError> for StartError {
 impl StartError {
     /// Whether the command line or the configuration is wrong, and not the machine.
     pub fn is_wrong_usage(&self) -> bool {
-        matches!(self, Self::Config(_) | Self::Ports(PortsError::Service(ServiceError::InstanceName(_))))
+        matches!(
+            self,
+            Self::Config(_)
+                | Self::Snapshot(SnapshotError::OtherDesign { .. })
+                | Self::Ports(PortsError::Service(ServiceError::InstanceName(_)))
+        )
     }
 }
 
-/// A running service: a loop thread and an attendant thread.
+/// Which files a service reads and writes; none by default.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct ServiceFiles {
+    /// Directory of the snapshots; without it what is learned lives as long as the service.
+    pub state: Option<PathBuf>,
+    /// Begin anew; an old snapshot is set aside.
+    pub is_fresh: bool,
+    /// Flight record, appended to.
+    pub record: Option<PathBuf>,
+}
+
+impl ServiceFiles {
+    /// The snapshot of an instance: its domain is part of the name, so that instances of one name do not meet.
+    pub fn snapshot_in(state: &Path, domain: &Domain, instance: &str) -> PathBuf {
+        state.join(format!("{}{instance}.snapshot", domain.prefix()))
+    }
+}
+
+/// A running service: a loop thread, an attendant thread, and where files are written, a thread for each.
 #[derive(Debug)]
 pub struct Service {
     domain: Domain,
     claim: Option<InstanceClaim>,
     stop_loop: Arc<AtomicBool>,
+    stop_writers: Arc<AtomicBool>,
     stop_attendant: Arc<AtomicBool>,
     loop_thread: Option<JoinHandle<()>>,
+    writer_threads: Vec<JoinHandle<()>>,
     attendant_thread: Option<JoinHandle<Status>>,
 }
 
@@ -91,56 +141,106 @@ impl Service {
     /// Starts the service of `instance` and returns once all its services exist.
     ///
     /// # Errors
-    /// The configuration is refused, the instance is taken, or shared memory cannot be used; nothing runs then.
-    pub fn start(config: &ConfigFile, domain: &Domain, instance: &str) -> Result<Self, StartError> {
-        let observer = config.estimator()?;
-        check::local_solvers(&observer).iter().for_each(|sentence| say!("{sentence}"));
-        check::unproven(config, &observer).iter().for_each(|sentence| say!("warning: {sentence}"));
+    /// The configuration or the snapshot is refused, the instance is taken, or shared memory or a file cannot be used;
+    /// nothing runs then.
+    pub fn start(
+        config: &ConfigFile,
+        domain: &Domain,
+        instance: &str,
+        files: &ServiceFiles,
+    ) -> Result<Self, StartError> {
+        let estimator = config.estimator()?;
+        check::local_solvers(&estimator).iter().for_each(|sentence| say!("{sentence}"));
+        check::unproven(config, &estimator).iter().for_each(|sentence| say!("warning: {sentence}"));
         let config = config.config.clone();
         check_instance_name(instance).map_err(PortsError::from)?;
+        // From here on the snapshot, too, is ours alone.
         let claim = domain.claim_instance(instance)?;
+
+        let mut engine = Engine::new(&config, estimator);
+        let snapshot = files.state.as_ref().map(|state| ServiceFiles::snapshot_in(state, domain, instance));
+        let (kept, restored) = match &snapshot {
+            Some(path) => snapshot::take_over(path, files.is_fresh, &config, &mut engine)?,
+            None => Default::default(),
+        };
+        let (snapshots, saver) = snapshot::saver(snapshot, instance, &config, engine.n_kept());
+        let mut recorder_ring = RecorderRing::none();
+        let mut recorder = None;
+        let mut record_progress = None;
+        if let Some(path) = &files.record {
+            let session = Session::of(&config, instance, kept.as_ref());
+            let (ring, writer, progress) = record::recorder(path, &session, config.rate_hz)
+                .map_err(|cause| StartError::Record { path: path.display().to_string(), cause })?;
+            recorder_ring = ring;
+            (recorder, record_progress) = (Some(writer), Some(progress));
+        }
+        drop(kept);
+
         let (records_in, records_out) = rtrb::RingBuffer::new(RECORDS);
         let (commands_in, commands_out) = rtrb::RingBuffer::new(8);
-        let loop_rings = LoopRings { records: records_in, commands: commands_out };
-        let attendant_rings = AttendantRings { records: records_out, commands: commands_in };
+        let loop_rings =
+            LoopRings { records: records_in, commands: commands_out, recorder: recorder_ring, snapshots };
+        let (saver, saver_handle) = saver.unzip();
+        let attendant_rings = AttendantRings {
+            records: records_out,
+            commands: commands_in,
+            saver: saver_handle,
+            record_progress,
+        };
 
         let mut service = Self {
             domain: domain.clone(),
             claim: Some(claim),
             stop_loop: Arc::default(),
+            stop_writers: Arc::default(),
             stop_attendant: Arc::default(),
             loop_thread: None,
+            writer_threads: Vec::new(),
             attendant_thread: None,
         };
         let rate_hz = config.rate_hz;
         let stop = Arc::clone(&service.stop_attendant);
         service.attendant_thread =
             Some(spawn_with("attendant", domain, instance, AttendantPorts::make, move |ports| {
-                Attendant::new(ports, attendant_rings, rate_hz).run(&stop)
+                Attendant::new(ports, attendant_rings, rate_hz, restored).run(&stop)
             })?);
+        if let Some(saver) = saver {
+            let stop = Arc::clone(&service.stop_writers);
+            service.writer_threads.push(spawn("saver", move || saver.run(&stop))?);
+        }
+        if let Some(recorder) = recorder {
+            let stop = Arc::clone(&service.stop_writers);
+            service.writer_threads.push(spawn("recorder", move || recorder.run(&stop))?);
+        }
         let stop = Arc::clone(&service.stop_loop);
         service.loop_thread = Some(spawn_with("loop", domain, instance, LoopPorts::make, move |ports| {
             // Where it is refused, waits end up to 50 µs later, as they would have anyway.
             let _ = realtime::use_punctual_timers();
-            Cycle::new(&config, observer, ports, loop_rings).run(&config, &stop);
+            Cycle::new(engine, ports, loop_rings).run(&config, &stop);
         })?);
         Ok(service)
     }
 
-    /// Finishes the tick, takes the services away, and returns the last status.
+    /// Finishes the tick, writes down what was learned, takes the services away, and returns the last status.
     pub fn stop(mut self) -> Status {
         self.finish().unwrap_or_default()
     }
 
-    /// Whether both threads still run; they end by themselves only by a defect.
+    /// Whether all threads still run; they end by themselves only by a defect.
     pub fn is_running(&self) -> bool {
         self.loop_thread.as_ref().is_some_and(|thread| !thread.is_finished())
+            && self.writer_threads.iter().all(|thread| !thread.is_finished())
             && self.attendant_thread.as_ref().is_some_and(|thread| !thread.is_finished())
     }
 
     fn finish(&mut self) -> Option<Status> {
         self.stop_loop.store(true, Ordering::Relaxed);
         if let Some(thread) = self.loop_thread.take() {
+            let _ = thread.join();
+        }
+        // The writers end after the loop, which hands over what it has at last.
+        self.stop_writers.store(true, Ordering::Relaxed);
+        for thread in self.writer_threads.drain(..) {
             let _ = thread.join();
         }
         // The attendant ends last: its last status covers the last tick.
@@ -157,6 +257,11 @@ impl Drop for Service {
     fn drop(&mut self) {
         self.finish();
     }
+}
+
+fn spawn(name: &'static str, work: impl FnOnce() + Send + 'static) -> Result<JoinHandle<()>, StartError> {
+    let thread = std::thread::Builder::new().name(format!("daemon-{name}")).spawn(work);
+    thread.map_err(|_| StartError::Thread(name))
 }
 
 /// Starts a thread that makes its ports itself, since they stay on the thread that makes them, and waits

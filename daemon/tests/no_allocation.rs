@@ -6,9 +6,15 @@ use allocation_counter::measure;
 use common::TestDomain;
 use daemon::config::ConfigFile;
 use daemon::cycle::{Cycle, LoopRings, WakeUp};
+use daemon::engine::Engine;
 use daemon::ports::LoopPorts;
+use daemon::record::{Session, recorder};
+use daemon::snapshot::{Snapshot, saver};
 use shared_types::Measurement;
 use shared_types::clock::monotonic_ns;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
 
 #[test]
 fn a_tick_allocates_only_in_its_slack() {
@@ -21,9 +27,23 @@ fn ticks_of_a_service_allocate_nothing(preset: &str) {
     let file = ConfigFile::preset(preset).unwrap();
     let (records, _records) = rtrb::RingBuffer::new(100_000);
     let (_commands, commands) = rtrb::RingBuffer::new(8);
-    let rings = LoopRings { records, commands };
+    // With a flight record and snapshots, whose threads are not the loop's affair.
+    let files = tempfile::tempdir().unwrap();
+    let engine = Engine::new(&file.config, file.estimator().unwrap());
+    let path = files.path().join("vehicle.snapshot");
+    let (snapshots, saver) = saver(Some(path.clone()), "vehicle", &file.config, engine.n_kept());
+    let (saver, handle) = saver.unwrap();
+    let session = Session::of(&file.config, "vehicle", None);
+    let (ring, recorder, recorded) = recorder(&files.path().join("flight"), &session, 1000.0).unwrap();
+    let stop = Arc::new(AtomicBool::new(false));
+    let (until, also_until) = (Arc::clone(&stop), Arc::clone(&stop));
+    let writers = [
+        std::thread::spawn(move || saver.run(&until)),
+        std::thread::spawn(move || recorder.run(&also_until)),
+    ];
+    let rings = LoopRings { records, commands, recorder: ring, snapshots };
     let ports = LoopPorts::make(&domain.domain, "vehicle").unwrap();
-    let mut cycle = Cycle::new(&file.config, file.estimator().unwrap(), ports, rings);
+    let mut cycle = Cycle::new(engine, ports, rings);
     let client = domain.client();
     let sensors = client.measurement_publisher().unwrap();
     let mut estimates = client.estimate_subscriber().unwrap();
@@ -50,6 +70,12 @@ fn ticks_of_a_service_allocate_nothing(preset: &str) {
             }),
             _ => {}
         }
+        if j == 500 {
+            let (answer, _) = std::sync::mpsc::sync_channel(1);
+            handle.wishes.send(answer).unwrap();
+            // Until the saver has asked.
+            std::thread::sleep(Duration::from_millis(50));
+        }
         let wake_ns = monotonic_ns();
         let tick = measure(|| cycle.serve(WakeUp { wake_ns, deadline_ns: Some(wake_ns) }));
         in_ticks += tick.count_total;
@@ -58,6 +84,11 @@ fn ticks_of_a_service_allocate_nothing(preset: &str) {
             published += 1;
         }
     }
+    stop.store(true, Ordering::Relaxed);
+    writers.into_iter().for_each(|writer| writer.join().unwrap());
+    assert_eq!(handle.progress.saved.load(Ordering::Relaxed), 1);
+    assert!(Snapshot::read(&path).unwrap().kept.learned.iter().any(|number| *number != 0.0));
+    assert_eq!(recorded.written.load(Ordering::Relaxed), 2000);
     assert!(published > 1900, "{published}");
     assert!(in_slack >= 2000, "the counter sees the loans, {in_slack}");
     assert_eq!(in_ticks, 0);

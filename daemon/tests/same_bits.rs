@@ -4,7 +4,7 @@ mod common;
 
 use common::{Daemon, TestDomain};
 use daemon::config::{ConfigFile, InputConfig};
-use daemon::cycle::to_payload;
+use daemon::engine::to_payload;
 use daemon::gate::Gate;
 use shared_types::clock::{monotonic_ns, sleep_until_ns};
 use shared_types::{Estimate, Measurement};

@@ -18,7 +18,7 @@
 //! # let root = tempfile::Builder::new().prefix("od").tempdir_in("/dev/shm")?;
 //! # let domain = Domain::at(root.path())?;
 //! # let config = daemon::config::ConfigFile::preset("rigid-body")?;
-//! # let service = daemon::Service::start(&config, &domain, "vehicle")?;
+//! # let service = daemon::Service::start(&config, &domain, "vehicle", &daemon::ServiceFiles::default())?;
 //! # let _ = stringify! {
 //!
 //! let domain = Domain::of_user()?;

@@ -2,7 +2,7 @@
 
 use anyhow::{Context, ensure};
 use daemon::config::ConfigFile;
-use daemon::cycle::to_payload;
+use daemon::engine::to_payload;
 use daemon::gate::Gate;
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 use serde::Serialize;

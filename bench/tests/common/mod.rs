@@ -10,13 +10,16 @@ use std::time::{Duration, Instant};
 
 pub struct TestDomain {
     pub domain: Domain,
+    /// Snapshots of its services.
+    pub state: tempfile::TempDir,
     _root: tempfile::TempDir,
 }
 
 impl TestDomain {
     pub fn new() -> Self {
         let root = tempfile::Builder::new().prefix("ot").tempdir_in("/dev/shm").unwrap();
-        Self { domain: Domain::at(root.path()).unwrap(), _root: root }
+        let state = tempfile::tempdir().unwrap();
+        Self { domain: Domain::at(root.path()).unwrap(), state, _root: root }
     }
 
     pub fn root(&self) -> &Path {
@@ -43,7 +46,8 @@ pub struct Role(pub Child);
 impl Role {
     pub fn start(domain: &TestDomain, arguments: &[&str]) -> Self {
         let mut command = bench(arguments);
-        command.arg("--root").arg(domain.root()).stdout(Stdio::piped()).stderr(Stdio::piped());
+        command.arg("--root").arg(domain.root()).env("OBSERVER_STATE", domain.state.path());
+        command.stdout(Stdio::piped()).stderr(Stdio::piped());
         Self(command.spawn().unwrap())
     }
 

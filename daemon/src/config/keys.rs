@@ -98,6 +98,32 @@ pub(super) const KEYS: &[(&str, &str)] = &[
     ),
     ("input.takeover_after_s", "A source silent for this long may be replaced by another one."),
     (
+        "input.outliers",
+        "An output whose error stands out: \"off\" believes it, \"adaptation\" does not learn from it, \"correction\" does not use it. What lasts longer than 10 holds is believed.",
+    ),
+    (
+        "input.outlier_factor",
+        "It stands out if its error is this many times the dead zone's width plus the running scale of the errors.",
+    ),
+    (
+        "input.stuck",
+        "A sensor that repeats one value to the bit is named, and its outputs: \"off\" are used, \"adaptation\" not learned from, \"correction\" not used.",
+    ),
+    ("input.stuck_after_samples", "Repetitions after which a sensor is stuck; 0 is never."),
+    ("deadline", "What happens when ticks end after their next deadline, so many in a row; 0 is never."),
+    ("deadline.warn_after_ticks", "The estimate's status says late."),
+    (
+        "deadline.predict_only_after_ticks",
+        "Samples are not used any more, which costs less, until a tick is in time again.",
+    ),
+    ("deadline.invalid_after_ticks", "The estimate's status says invalid: not to be used."),
+    ("snapshot", "What is written down, so that nothing learned is lost."),
+    ("snapshot.save_every_s", "Time between two snapshots; 0 writes one on command and at the end only."),
+    (
+        "snapshot.resume_state_within_s",
+        "After a restart the state in a snapshot is gone on from where it is not older than this; what was learned always is.",
+    ),
+    (
         "solver",
         "How the learned function is computed: \"dense\" from all centers, exact; \"local\" from those around the output, with an error estimate in every estimate; \"auto\" by the number of centers. Or a table of options.",
     ),

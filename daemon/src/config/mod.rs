@@ -6,8 +6,8 @@
 use crate::estimator::Estimator;
 use nalgebra::{Matrix3, Quaternion, UnitQuaternion, Vector3};
 use observer::{
-    Centers, ChannelDesign, DeadZone, DeadZoneShape, DesignError, DisturbanceBounds, GyroscopicTorque,
-    InitialState, Kernel, LengthScale, LinearDesign, LinearObserver, LocalSolver, Parameter,
+    Centers, ChannelDesign, DeadZone, DeadZoneShape, DesignError, DisturbanceBounds, Doubt, GyroscopicTorque,
+    InitialState, Kernel, LengthScale, LinearDesign, LinearObserver, LocalSolver, Parameter, Plausibility,
     RigidBodyObserver, RotationDesign, Solver, TranslationDesign,
 };
 use serde::{Deserialize, Serialize};
@@ -100,6 +100,12 @@ pub struct Config {
     /// Which samples are believed.
     #[serde(default)]
     pub input: InputConfig,
+    /// What happens when the loop is late.
+    #[serde(default)]
+    pub deadline: DeadlineConfig,
+    /// What is written down, so that nothing learned is lost.
+    #[serde(default)]
+    pub snapshot: SnapshotConfig,
     /// The translation channel.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub translation: Option<TranslationConfig>,
@@ -167,6 +173,48 @@ pub struct InputConfig {
     pub source: SourcePolicy,
     /// A source silent for this long may be replaced by another one (s).
     pub takeover_after_s: f64,
+    /// What happens to an output whose error stands out.
+    pub outliers: Doubt,
+    /// By which factor it has to.
+    pub outlier_factor: f64,
+    /// What happens to the outputs of a sensor that is stuck.
+    pub stuck: Doubt,
+    /// A sensor that repeats one value so often is stuck; 0 is never.
+    pub stuck_after_samples: u64,
+}
+
+/// What happens when ticks end after their next deadline, so many in a row; 0 is never.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct DeadlineConfig {
+    /// The estimate says late.
+    pub warn_after_ticks: u64,
+    /// Samples are not used any more: predicting costs less.
+    pub predict_only_after_ticks: u64,
+    /// The estimate says invalid.
+    pub invalid_after_ticks: u64,
+}
+
+impl Default for DeadlineConfig {
+    fn default() -> Self {
+        Self { warn_after_ticks: 1, predict_only_after_ticks: 10, invalid_after_ticks: 50 }
+    }
+}
+
+/// What is written down, so that nothing learned is lost.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct SnapshotConfig {
+    /// Time between two snapshots (s); 0 writes one on command and at the end only.
+    pub save_every_s: f64,
+    /// The state in a snapshot is gone on from where it is not older than this (s); what was learned always is.
+    pub resume_state_within_s: f64,
+}
+
+impl Default for SnapshotConfig {
+    fn default() -> Self {
+        Self { save_every_s: 10.0, resume_state_within_s: 30.0 }
+    }
 }
 
 impl Default for InputConfig {
@@ -186,6 +234,10 @@ impl Default for InputConfig {
             max_age_s: 0.5,
             source: SourcePolicy::First,
             takeover_after_s: 0.2,
+            outliers: Doubt::Correction,
+            outlier_factor: 8.0,
+            stuck: Doubt::Adaptation,
+            stuck_after_samples: 50,
         }
     }
 }
@@ -600,7 +652,10 @@ impl ConfigFile {
             (Some(_), None, None) => None,
             _ => Some(self.observer()?),
         };
-        Ok(Estimator { rigid_body, linear })
+        let mut estimator = Estimator { rigid_body, linear };
+        let InputConfig { outliers, outlier_factor: factor, .. } = config.input;
+        estimator.set_plausibility(Plausibility { outliers, factor });
+        Ok(estimator)
     }
 
     /// Checks every value and builds the observer of the rigid body.
@@ -696,10 +751,20 @@ impl ConfigFile {
             ("input.max_future_s", input.max_future_s),
             ("input.max_age_s", input.max_age_s),
             ("input.takeover_after_s", input.takeover_after_s),
+            ("input.outlier_factor", input.outlier_factor),
         ];
         for (key, value) in positive {
             if !(value.is_finite() && value > 0.0) {
                 return Err(self.wrong(key, &value.to_string(), "a finite number > 0"));
+            }
+        }
+        let durations = [
+            ("snapshot.save_every_s", config.snapshot.save_every_s),
+            ("snapshot.resume_state_within_s", config.snapshot.resume_state_within_s),
+        ];
+        for (key, value) in durations {
+            if !(0.0..=1e9).contains(&value) {
+                return Err(self.wrong(key, &value.to_string(), "0 … 1e9 (in s)"));
             }
         }
         if !(1.0..=10_000.0).contains(&config.rate_hz) {

@@ -14,13 +14,16 @@ pub const PATIENCE: Duration = Duration::from_secs(10);
 /// A root path that is removed, with all segments, when the test ends.
 pub struct TestDomain {
     pub domain: Domain,
+    /// Snapshots of its services.
+    pub state: tempfile::TempDir,
     _root: tempfile::TempDir,
 }
 
 impl TestDomain {
     pub fn new() -> Self {
         let root = tempfile::Builder::new().prefix("ot").tempdir_in("/dev/shm").unwrap();
-        Self { domain: Domain::at(root.path()).unwrap(), _root: root }
+        let state = tempfile::tempdir().unwrap();
+        Self { domain: Domain::at(root.path()).unwrap(), state, _root: root }
     }
 
     pub fn root(&self) -> &Path {
@@ -52,7 +55,7 @@ impl Drop for TestDomain {
 /// `daemon` with these arguments in that domain.
 pub fn daemon_command(domain: &TestDomain, arguments: &[&str]) -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_daemon"));
-    command.args(arguments).arg("--root").arg(domain.root());
+    command.args(arguments).arg("--root").arg(domain.root()).env("OBSERVER_STATE", domain.state.path());
     command
 }
 

@@ -1,0 +1,78 @@
+//! `bench replay --check`: a flight record, replayed and compared estimate by estimate.
+
+use anyhow::{Context, bail};
+use comfy_table::{Table, presets::UTF8_FULL_CONDENSED};
+use daemon::record::{self, Reader, SessionReport};
+use serde::Serialize;
+use shared_types::{logln, outln};
+use std::path::Path;
+
+/// What `--json` prints.
+#[derive(Debug, Serialize)]
+struct Document {
+    file: String,
+    same: bool,
+    torn_bytes: u64,
+    sessions: Vec<SessionReport>,
+}
+
+/// Replays the record and prints what was found; an estimate that differs is a failure.
+pub(crate) fn run(file: &Path, json: bool) -> anyhow::Result<()> {
+    let name = file.display().to_string();
+    let mut reader = Reader::open(file).with_context(|| name.clone())?;
+    let sessions = record::check(&mut reader).with_context(|| name.clone())?;
+    let same = sessions.iter().all(|session| session.difference.is_none());
+    let document = Document { file: name, same, torn_bytes: reader.torn_bytes(), sessions };
+    match json {
+        true => outln!("{}", serde_json::to_string_pretty(&document)?),
+        false => print(&document),
+    }
+    let here = observer::vector_unit();
+    let first = document.sessions.iter().find_map(|session| Some((session, session.difference.as_ref()?)));
+    let Some((session, difference)) = first else { return Ok(()) };
+    if session.vector_unit != here {
+        logln!(
+            "bench: recorded with {}, replayed with {here}: the last bits differ between the two",
+            session.vector_unit
+        );
+    }
+    bail!(
+        "tick {} differs: {} was {} and is {}",
+        difference.tick,
+        difference.field,
+        difference.recorded,
+        difference.replayed
+    )
+}
+
+fn print(document: &Document) {
+    let mut table = Table::new();
+    table.load_style(UTF8_FULL_CONDENSED);
+    table.set_header([
+        "session",
+        "began",
+        "time (s)",
+        "samples",
+        "ticks the same",
+        "missing",
+        "unchecked",
+        "first difference",
+    ]);
+    for (j, session) in document.sessions.iter().enumerate() {
+        let difference = session.difference.as_ref();
+        table.add_row([
+            format!("{} {}", j + 1, session.instance),
+            if session.resumed { "from a snapshot" } else { "anew" }.into(),
+            format!("{:.1}", session.duration_s),
+            session.samples.to_string(),
+            session.ticks_same.to_string(),
+            session.ticks_missing.to_string(),
+            session.ticks_unchecked.to_string(),
+            difference.map_or("none".into(), |d| format!("tick {}: {}", d.tick, d.field)),
+        ]);
+    }
+    outln!("{table}");
+    if document.torn_bytes > 0 {
+        outln!("{} bytes are torn: the end of a session that was killed", document.torn_bytes);
+    }
+}

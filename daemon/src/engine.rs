@@ -1,0 +1,459 @@
+//! All that decides an estimate, with neither clock nor port: gate, observers, guards, deadline policy, counters.
+//!
+//! What goes in are samples, commands and instants. The same ones give the same estimates to the bit, so a record of
+//! them replays ([`crate::record`]), and what is kept of an engine resumes in another one ([`crate::snapshot`]).
+//!
+//! A tick is [`Engine::begin`], [`Engine::take`] for each sample, [`Engine::conclude`]: no allocation, no system call.
+
+use crate::config::{Clock, Config, DeadlineConfig, InputConfig};
+use crate::estimator::{Estimator, EstimatorState, VehicleEstimate};
+use crate::gate::{Accepted, Gate, GateState};
+use observer::{ChannelReport, Doubt};
+use serde::{Deserialize, Serialize};
+use shared_types::payload::{Channel, Estimate, Measurement, Rejection, status_bits};
+
+/// A good copy of state and weights is kept this often (s).
+const GOOD_COPY_EVERY_S: f64 = 0.5;
+/// Good is what is within this part of the limits: what runs away is not kept on its way.
+const GOOD_PART_OF_LIMITS: f64 = 0.5;
+/// Who has to fall back again so soon (s) fell back on what was not good.
+const RELAPSE_S: f64 = 2.0;
+
+/// What the engine and its loop count since they started; see [`shared_types::Status`].
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct Counters {
+    /// Ticks served.
+    pub ticks: u64,
+    /// Deadlines that passed unserved.
+    pub deadline_misses: u64,
+    /// Samples used.
+    pub samples_accepted: u64,
+    /// Samples that never arrived.
+    pub samples_lost: u64,
+    /// Samples rejected, by reason.
+    pub samples_rejected: [u64; 11],
+    /// Outputs held back because they stand out: of translation, rotation, linear plant.
+    pub outputs_held_back: [u64; 3],
+    /// Outputs of a stuck sensor, likewise.
+    pub outputs_stuck: [u64; 3],
+    /// Ticks on which a channel coasted.
+    pub ticks_coasting: u64,
+    /// Ticks on which σ was clamped.
+    pub ticks_clamped: u64,
+    /// Ticks on which samples were not used because the loop was late.
+    pub ticks_predict_only: u64,
+    /// Ticks whose estimate was marked invalid.
+    pub ticks_invalid: u64,
+    /// Resets to the last good copy.
+    pub state_resets: u64,
+    /// Restarts and replacements of the source.
+    pub source_changes: u64,
+    /// Commands carried out.
+    pub commands: u64,
+    /// Tick records that found the ring to the attendant full.
+    pub records_dropped: u64,
+    /// Ticks that found the ring to the flight record full.
+    pub ticks_not_recorded: u64,
+}
+
+/// What an operator asks of the loop.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub enum LoopCommand {
+    /// Forget state and weights.
+    Reset,
+    /// Stop learning.
+    Freeze,
+    /// Learn again.
+    Thaw,
+}
+
+/// All that an engine's future depends on, beside what it learned.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct EngineState {
+    /// Of the observers.
+    pub estimator: EstimatorState,
+    gate: GateState,
+    frozen: bool,
+    newest_arrival_ns: Option<u64>,
+}
+
+/// What an engine starts with that another one has kept.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Kept {
+    /// What was learned: the numbers of [`Engine::read_kept`].
+    pub learned: Vec<f64>,
+    /// `None` where only what was learned is taken over.
+    pub state: Option<EngineState>,
+}
+
+/// Gate, observers and guards of one vehicle.
+#[derive(Debug, Clone)]
+pub struct Engine {
+    estimator: Estimator,
+    gate: Gate,
+    limits: InputConfig,
+    deadline: DeadlineConfig,
+    clock: Clock,
+    stale_after_ns: u64,
+    good_copy_every: u64,
+    counters: Counters,
+    frozen: bool,
+    newest_arrival_ns: Option<u64>,
+    /// Stamp of the newest fall back to the good copy (ns).
+    fell_back_ns: Option<u64>,
+    /// Whether the newest estimate was good enough to be fallen back on.
+    is_good: bool,
+    /// Whether the good copy is not to be fallen back on any more: it was found to be bad, or is to be forgotten.
+    copy_is_bad: bool,
+    /// Gate and the rest at the time of the newest good copy.
+    kept: Option<(GateState, bool, Option<u64>)>,
+    tick: Tick,
+}
+
+/// What is known of the tick that is being served.
+#[derive(Debug, Clone, Copy, Default)]
+struct Tick {
+    wake_ns: u64,
+    status: u64,
+    new_sample: bool,
+}
+
+impl Engine {
+    /// An engine that has seen nothing.
+    pub fn new(config: &Config, estimator: Estimator) -> Self {
+        Self {
+            estimator,
+            gate: Gate::new(config.input, config.clock == Clock::Monotonic),
+            limits: config.input,
+            deadline: config.deadline,
+            clock: config.clock,
+            stale_after_ns: (config.stale_after_s * 1e9) as u64,
+            good_copy_every: ((GOOD_COPY_EVERY_S * config.rate_hz) as u64).max(1),
+            counters: Counters::default(),
+            frozen: false,
+            newest_arrival_ns: None,
+            fell_back_ns: None,
+            is_good: true,
+            copy_is_bad: false,
+            kept: None,
+            tick: Tick::default(),
+        }
+    }
+
+    /// Begins a tick that woke at `wake_ns`, after so many ticks in a row that ended too late.
+    pub fn begin(&mut self, wake_ns: u64, late_ticks_in_a_row: u64) {
+        let late = |after: u64| after > 0 && late_ticks_in_a_row >= after;
+        let DeadlineConfig { warn_after_ticks, predict_only_after_ticks, invalid_after_ticks } =
+            self.deadline;
+        let status = bit(late(warn_after_ticks), status_bits::LATE)
+            | bit(late(predict_only_after_ticks), status_bits::PREDICT_ONLY)
+            | bit(late(invalid_after_ticks), status_bits::INVALID);
+        self.tick = Tick { wake_ns, status, new_sample: false };
+    }
+
+    /// Takes a sample of `source` that arrived by the time of the wake-up.
+    pub fn take(&mut self, measurement: &Measurement, source: u128) {
+        if self.tick.status & status_bits::PREDICT_ONLY != 0 {
+            self.gate.turn_away(measurement, source);
+            self.reject(Rejection::Overload);
+            return;
+        }
+        match self.gate.judge(measurement, source, self.tick.wake_ns) {
+            Ok(accepted) => self.accept(&accepted),
+            Err(reason) => self.reject(reason),
+        }
+    }
+
+    fn reject(&mut self, reason: Rejection) {
+        self.counters.samples_rejected[reason as usize] += 1;
+        self.tick.status |= status_bits::REJECTED_SAMPLE;
+    }
+
+    fn accept(&mut self, accepted: &Accepted) {
+        let Accepted { mut sample, mut linear, lost, new_source, new_time, stuck } = *accepted;
+        if new_time {
+            self.estimator.restart();
+        }
+        for (count, stuck) in self.counters.outputs_stuck.iter_mut().zip(stuck) {
+            *count += u64::from(stuck);
+            self.tick.status |= bit(stuck, status_bits::STUCK);
+        }
+        let teaches = stuck.map(|stuck| !(stuck && self.limits.stuck == Doubt::Adaptation));
+        if self.limits.stuck == Doubt::Correction {
+            sample.velocity = sample.velocity.filter(|_| !stuck[0]);
+            sample.angular_velocity_rad_s = sample.angular_velocity_rad_s.filter(|_| !stuck[1]);
+            linear.output = linear.output.filter(|_| !stuck[2]);
+        }
+        self.estimator.set_teaching(teaches);
+        self.estimator.accept(&sample, &linear);
+        let held_back = self.estimator.n_held_back();
+        self.tick.status |= bit(held_back != self.counters.outputs_held_back, status_bits::HELD_BACK);
+        self.counters.outputs_held_back = held_back;
+        self.counters.samples_accepted += 1;
+        // A forged sequence may claim any gap.
+        self.counters.samples_lost = self.counters.samples_lost.saturating_add(lost);
+        self.counters.source_changes += u64::from(new_source);
+        self.tick.new_sample = true;
+        self.newest_arrival_ns = Some(self.tick.wake_ns);
+    }
+
+    /// Ends the tick: what is known now. The stamp of its publication is the loop's to set.
+    pub fn conclude(&mut self) -> Estimate {
+        let wake_ns = self.tick.wake_ns;
+        let source_stamp_ns = self.gate.newest_stamp_ns();
+        let stamp_ns = match self.clock {
+            Clock::Monotonic => wake_ns.max(source_stamp_ns.unwrap_or(0)),
+            Clock::Samples => source_stamp_ns.unwrap_or(wake_ns),
+        };
+        let (state, diverged) = self.guarded_estimate(stamp_ns);
+        self.counters.state_resets += u64::from(diverged);
+        let status = self.tick.status
+            | bit(diverged, status_bits::DIVERGED)
+            | self.status_of(&state, self.age_of_newest_ns());
+        let mut estimate = to_payload(&state);
+        estimate.sequence = self.counters.ticks;
+        estimate.source_sequence = self.gate.newest_sequence().unwrap_or(0);
+        estimate.source_stamp_ns = source_stamp_ns.unwrap_or(0);
+        estimate.status = status;
+
+        let counted = |bits: u64| u64::from(status & bits != 0);
+        self.counters.ticks += 1;
+        self.counters.ticks_coasting += counted(status_bits::COASTING);
+        self.counters.ticks_clamped += counted(status_bits::CLAMPED);
+        self.counters.ticks_predict_only += counted(status_bits::PREDICT_ONLY);
+        self.counters.ticks_invalid += counted(status_bits::INVALID);
+        estimate
+    }
+
+    /// The estimate, and whether the state was beyond its limits: then first the channel's last good copy is
+    /// tried, and if that is no better, or was fallen back on just before, everything starts again.
+    fn guarded_estimate(&mut self, stamp_ns: u64) -> (VehicleEstimate, bool) {
+        let state = self.estimator.estimate(stamp_ns);
+        let within = Within::of(&state, &self.limits, 1.0);
+        self.is_good = Within::of(&state, &self.limits, GOOD_PART_OF_LIMITS).all();
+        if within.all() {
+            return (state, false);
+        }
+        let is_relapse =
+            self.fell_back_ns.is_some_and(|ns| stamp_ns.saturating_sub(ns) < (RELAPSE_S * 1e9) as u64);
+        self.fell_back_ns = Some(stamp_ns);
+        if !is_relapse {
+            if let Some(body) = &mut self.estimator.rigid_body {
+                if !within.translation {
+                    body.restore_translation();
+                }
+                if !within.rotation {
+                    body.restore_rotation();
+                }
+            }
+            if let Some(linear) = self.estimator.linear.as_mut().filter(|_| !within.linear) {
+                linear.restore_good_copy();
+            }
+            let restored = self.estimator.estimate(stamp_ns);
+            if Within::of(&restored, &self.limits, 1.0).all() {
+                return (restored, true);
+            }
+        }
+        self.estimator.reset();
+        self.copy_is_bad = true;
+        (self.estimator.estimate(stamp_ns), true)
+    }
+
+    fn status_of(&self, state: &VehicleEstimate, age_ns: Option<u64>) -> u64 {
+        let any = |test: fn(&ChannelReport) -> bool| state.reports().any(test);
+        let coasting = |channel: Option<ChannelReport>| channel.is_some_and(|channel| channel.coasting);
+        let body = state.rigid_body.as_ref();
+        let linear = state.linear.map(|linear| linear.report);
+        bit(!any(|channel| channel.coasting), status_bits::TRACKING)
+            | bit(coasting(body.and_then(|body| body.translation)), status_bits::COASTING_TRANSLATION)
+            | bit(coasting(body.and_then(|body| body.rotation)), status_bits::COASTING_ROTATION)
+            | bit(coasting(linear), status_bits::COASTING_LINEAR)
+            | bit(age_ns.is_none_or(|age_ns| age_ns > self.stale_after_ns), status_bits::STALE)
+            | bit(age_ns.is_none(), status_bits::WAITING)
+            | bit(any(|channel| channel.activation > 0.0), status_bits::ADAPTING)
+            | bit(any(|channel| channel.clamped), status_bits::CLAMPED)
+            | bit(any(|channel| channel.outside_centers), status_bits::OUTSIDE_CENTERS)
+            | bit(self.frozen, status_bits::FROZEN)
+    }
+
+    /// Age of the newest accepted sample at the wake-up (ns). Where samples are the clock, their stamps say nothing
+    /// about now: their arrival does.
+    fn age_of_newest_ns(&self) -> Option<u64> {
+        let seen_ns = match self.clock {
+            Clock::Monotonic => self.gate.newest_stamp_ns(),
+            Clock::Samples => self.newest_arrival_ns,
+        };
+        seen_ns.map(|seen_ns| self.tick.wake_ns.saturating_sub(seen_ns))
+    }
+
+    /// Age of the newest sample at the wake-up (ns), on a tick that brought one and whose stamps are of this clock.
+    pub fn input_age_ns(&self) -> Option<u64> {
+        self.age_of_newest_ns().filter(|_| self.tick.new_sample && self.clock == Clock::Monotonic)
+    }
+
+    /// Carries out a command, between two ticks.
+    pub fn carry_out(&mut self, command: LoopCommand) {
+        match command {
+            LoopCommand::Reset => {
+                self.estimator.reset();
+                self.gate.forget();
+                self.newest_arrival_ns = None;
+                self.copy_is_bad = true;
+            }
+            LoopCommand::Freeze => self.frozen = true,
+            LoopCommand::Thaw => self.frozen = false,
+        }
+        self.estimator.set_frozen(self.frozen);
+        self.counters.commands += 1;
+    }
+
+    /// Whether this is a moment, between two ticks, to keep a good copy: what was published last is well within
+    /// its limits, or everything has just started again.
+    pub fn good_copy_is_due(&self) -> bool {
+        self.copy_is_bad || (self.is_good && self.counters.ticks.is_multiple_of(self.good_copy_every))
+    }
+
+    /// Whether what was published last may be kept.
+    pub fn is_good(&self) -> bool {
+        self.is_good
+    }
+
+    /// Whether the good copy is not what to fall back on any more.
+    pub fn copy_is_bad(&self) -> bool {
+        self.copy_is_bad
+    }
+
+    /// Keeps a copy of states and weights, to fall back on and to be written down.
+    pub fn keep_good_copy(&mut self) {
+        self.estimator.keep_good_copy();
+        self.kept = Some((self.gate.state(), self.frozen, self.newest_arrival_ns));
+        self.copy_is_bad = false;
+    }
+
+    /// The state of the last good copy; `None` before the first.
+    pub fn kept_state(&self) -> Option<EngineState> {
+        let (gate, frozen, newest_arrival_ns) = self.kept?;
+        Some(EngineState { estimator: self.estimator.kept_state()?, gate, frozen, newest_arrival_ns })
+    }
+
+    /// How many numbers the good copy of what was learned is.
+    pub fn n_kept(&self) -> usize {
+        self.estimator.n_kept()
+    }
+
+    /// The numbers of the good copy from `from` on, as many as `into` has room for.
+    pub fn read_kept(&self, from: usize, into: &mut [f64]) {
+        self.estimator.read_kept(from, into);
+    }
+
+    /// Goes on from what an engine of the same design has kept. With its state, the next step is the same to the bit.
+    ///
+    /// # Errors
+    /// Where the numbers are not as many as this design has: how many there are, how many are needed.
+    pub fn resume(&mut self, kept: &Kept) -> Result<(), String> {
+        if kept.learned.len() != self.n_kept() {
+            return Err(format!("{} learned numbers; needed: {}", kept.learned.len(), self.n_kept()));
+        }
+        self.estimator.put(&kept.learned);
+        if let Some(state) = &kept.state {
+            self.estimator.resume(&state.estimator);
+            self.gate.resume(&state.gate);
+            self.frozen = state.frozen;
+            self.newest_arrival_ns = state.newest_arrival_ns;
+            self.estimator.set_frozen(self.frozen);
+        }
+        self.keep_good_copy();
+        Ok(())
+    }
+
+    /// What was counted so far.
+    pub fn counters(&self) -> &Counters {
+        &self.counters
+    }
+
+    /// What the loop counts itself.
+    pub fn counters_mut(&mut self) -> &mut Counters {
+        &mut self.counters
+    }
+
+    /// Which samples are believed.
+    pub fn gate(&self) -> &Gate {
+        &self.gate
+    }
+
+    /// Whether an operator froze adaptation.
+    pub fn frozen(&self) -> bool {
+        self.frozen
+    }
+}
+
+fn bit(set: bool, bit: u64) -> u64 {
+    if set { bit } else { 0 }
+}
+
+/// Which channels are finite and plausible.
+struct Within {
+    translation: bool,
+    rotation: bool,
+    linear: bool,
+}
+
+impl Within {
+    /// Within this part of the limits.
+    fn of(state: &VehicleEstimate, limits: &InputConfig, part: f64) -> Self {
+        // A comparison with NaN is false, so what is not finite is not within.
+        let translation = state.rigid_body.as_ref().is_none_or(|body| {
+            body.velocity_m_s.norm() <= part * limits.max_speed_m_s
+                && body.position_m.norm() <= part * limits.max_position_m
+                && body.matched_force_n.norm() <= part * limits.max_unknown_force_n
+        });
+        let rotation = state.rigid_body.as_ref().is_none_or(|body| {
+            body.angular_velocity_rad_s.norm() <= part * limits.max_angular_rate_rad_s
+                && body.attitude.coords.norm().is_finite()
+                && body.matched_torque_n_m.norm() <= part * limits.max_unknown_torque_n_m
+        });
+        let linear = state.linear.as_ref().is_none_or(|linear| {
+            linear.state.iter().all(|x| x.abs() <= part * limits.max_state)
+                && linear.matched_input.iter().all(|f| f.abs() <= part * limits.max_input)
+        });
+        Self { translation, rotation, linear }
+    }
+
+    fn all(&self) -> bool {
+        self.translation && self.rotation && self.linear
+    }
+}
+
+/// The published form of an estimate; sequences, source, status and publication time are the loop's.
+pub fn to_payload(state: &VehicleEstimate) -> Estimate {
+    let channel = |report: &ChannelReport| Channel {
+        output_error: report.output_error,
+        activation: report.activation,
+        power_function: report.power_function,
+        native_norm: report.native_norm,
+        solver_error: report.solver_error,
+        error_bound: report.error_bound,
+        output_age_s: report.output_age_s,
+    };
+    let mut estimate = Estimate { attitude_wxyz: [1.0, 0.0, 0.0, 0.0], ..Estimate::default() };
+    if let Some(body) = &state.rigid_body {
+        let q = body.attitude.coords;
+        estimate.stamp_ns = body.stamp_ns;
+        estimate.position_m = body.position_m.into();
+        estimate.velocity_m_s = body.velocity_m_s.into();
+        estimate.attitude_wxyz = [q.w, q.x, q.y, q.z];
+        estimate.euler_rad = body.euler_rad();
+        estimate.angular_velocity_rad_s = body.angular_velocity_rad_s.into();
+        estimate.matched_force_n = body.matched_force_n.into();
+        estimate.matched_torque_n_m = body.matched_torque_n_m.into();
+        estimate.translation = body.translation.as_ref().map(channel).unwrap_or_default();
+        estimate.rotation = body.rotation.as_ref().map(channel).unwrap_or_default();
+    }
+    if let Some(linear) = &state.linear {
+        estimate.stamp_ns = linear.stamp_ns;
+        estimate.state = linear.state.into();
+        estimate.matched_input = linear.matched_input.into();
+        estimate.linear = channel(&linear.report);
+    }
+    estimate
+}
