@@ -434,7 +434,9 @@ mod tests {
         let mut least = usize::MAX;
         for length in (1..whole.len()).rev() {
             let (before, _) = read(&whole[..length]);
-            assert!(before.len() <= least && frames.starts_with(&before), "{length}");
+            // NaN is equal to nothing: texts are compared.
+            assert_eq!(format!("{before:?}"), format!("{:?}", &frames[..before.len()]), "{length}");
+            assert!(before.len() <= least, "{length}");
             least = before.len();
             let mut torn = whole[..length].to_vec();
             torn.extend_from_slice(&whole);
