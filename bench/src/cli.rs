@@ -1,6 +1,6 @@
 //! The command line of `bench`.
 
-use crate::{demo, ipc, jitter, load, paper, replay, service, step};
+use crate::{demo, ipc, jitter, load, paper, replay, service, soak, step};
 use clap::{Parser, Subcommand};
 use daemon::config::ConfigError;
 use rustix::process::{Signal, set_parent_process_death_signal};
@@ -46,6 +46,11 @@ enum Task {
     /// What further readers of one service, and further vehicles on one machine, cost.
     #[command(after_help = "Examples:\n  bench load\n  bench load --instances 1,2 --readers 1,16 --json")]
     Load(load::LoadArguments),
+    /// A long run beside processes that want all of the machine: what is lost is counted, and memory does not grow.
+    #[command(
+        after_help = "Examples:\n  bench soak --seconds 60\n  bench soak --service=--require-real-time"
+    )]
+    Soak(soak::SoakArguments),
     /// The paper's examples, run exactly and deterministically: a table, the figures, and the errors; every number of
     /// the paper is an option.
     #[command(
@@ -62,11 +67,11 @@ enum Task {
 /// Runs `bench` with these arguments, the program's name first.
 ///
 /// With `daemon` or `sim_publisher` as the first argument it is that program: so `bench demo` has both sides
-/// as processes of their own, whatever else is installed. With `echo` it is the other side of `bench ipc`. Such a process ends with the one that started it.
+/// as processes of their own, whatever else is installed. With `echo` it is the other side of `bench ipc`, with `burn` the load of `bench soak`. Such a process ends with the one that started it.
 pub fn main_with_args(args: impl IntoIterator<Item = OsString>) -> ExitCode {
     let args: Vec<OsString> = args.into_iter().collect();
     let role = args.get(1).and_then(|role| role.to_str());
-    if matches!(role, Some("daemon" | "sim_publisher" | "echo")) {
+    if matches!(role, Some("daemon" | "sim_publisher" | "echo" | "burn")) {
         // Best effort: without it, a killed demo leaves two processes behind that the next one does not see.
         let _ = set_parent_process_death_signal(Some(Signal::TERM));
     }
@@ -74,6 +79,7 @@ pub fn main_with_args(args: impl IntoIterator<Item = OsString>) -> ExitCode {
         Some("daemon") => return daemon::cli::main_with_args(args.into_iter().skip(1)),
         Some("sim_publisher") => return sim_publisher::main_with_args(args.into_iter().skip(1)),
         Some("echo") => return finish(ipc::echo(&args[2..])),
+        Some("burn") => return finish(soak::burn()),
         _ => {}
     }
     let arguments = match Arguments::try_parse_from(args) {
@@ -90,6 +96,7 @@ pub fn main_with_args(args: impl IntoIterator<Item = OsString>) -> ExitCode {
         Task::Service(arguments) => service::run(arguments),
         Task::Jitter(arguments) => jitter::run(arguments),
         Task::Load(arguments) => load::run(arguments),
+        Task::Soak(arguments) => soak::run(arguments),
         Task::Paper(arguments) => paper::run(arguments),
         Task::Replay(arguments) => replay::run(arguments),
     })

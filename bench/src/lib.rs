@@ -33,4 +33,5 @@ pub mod plot;
 mod processes;
 pub mod replay;
 pub mod service;
+pub mod soak;
 pub mod step;

@@ -4,10 +4,12 @@
 mod common;
 
 use common::{Role, TestDomain, text};
+use daemon::ServiceFiles;
+use daemon::snapshot::Snapshot;
 use rustix::process::Signal;
 use shared_types::Client;
 use shared_types::clock::monotonic_ns;
-use shared_types::payload::{Estimate, Status, command, status_bits};
+use shared_types::payload::{Estimate, Status, command, restored, status_bits};
 use std::time::{Duration, Instant};
 
 const PATIENCE: Duration = Duration::from_secs(10);
@@ -105,7 +107,14 @@ fn assert_resumes(client: &Client, what: &str) -> Duration {
 /// Kills daemon and vehicle in turn, at instants from within their start-up to steady running.
 fn kill_at_any_time(kills: u64) {
     let domain = TestDomain::new();
-    let start_daemon = || Role::start(&domain, &["daemon", "run", "--preset", "rigid-body"]);
+    // So often that many a kill falls into the writing of one.
+    let config = tempfile::NamedTempFile::new().unwrap();
+    let preset = daemon::config::PRESETS[0].1;
+    std::fs::write(config.path(), format!("{preset}\n[snapshot]\nsave_every_s = 0.02\n")).unwrap();
+    let arguments = ["daemon", "run", "--config", config.path().to_str().unwrap()];
+    let start_daemon = || Role::start(&domain, &arguments);
+    let snapshot = ServiceFiles::snapshot_in(domain.state.path(), &domain.domain, "vehicle");
+    let mut snapshots = 0;
     let start_vehicle = || Role::start(&domain, &["sim_publisher", "run", "--scenario", "rigid-body"]);
     let (mut daemon, mut vehicle) = (start_daemon(), start_vehicle());
     let client = Client::connect(&domain.domain, "vehicle", PATIENCE).unwrap();
@@ -131,10 +140,22 @@ fn kill_at_any_time(kills: u64) {
             }
             vehicle = start_vehicle();
         }
+        if snapshot.exists() {
+            Snapshot::read(&snapshot).unwrap();
+            snapshots += 1;
+        }
         slowest = slowest
             .max(assert_resumes(&client, if kill % 2 == 0 { "the daemon's death" } else { "the vehicle's" }));
     }
-    println!("{kills} × 3 kills; the slowest return took {:.2} s", slowest.as_secs_f64());
+    println!(
+        "{kills} × 3 kills; the slowest return took {:.2} s; {snapshots} snapshots read, all whole",
+        slowest.as_secs_f64()
+    );
+    assert!(10 * snapshots > 9 * (kills - 1), "{snapshots}");
+    let files = std::fs::read_dir(domain.state.path()).unwrap();
+    let damaged = files.filter(|file| file.as_ref().unwrap().path().extension().is_some_and(|e| e == "damaged"));
+    assert_eq!(damaged.count(), 0);
+    assert_ne!(status(&client).snapshot_restored, restored::NOTHING);
     drop(client);
     vehicle.signal(Signal::TERM);
     assert!(vehicle.finish(PATIENCE).status.success());
@@ -144,7 +165,7 @@ fn kill_at_any_time(kills: u64) {
 
 #[test]
 fn whoever_is_killed_comes_back() {
-    kill_at_any_time(10);
+    kill_at_any_time(17);
 }
 
 #[test]
