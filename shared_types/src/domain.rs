@@ -469,6 +469,10 @@ fn open_lock_file(path: &Path, create: bool) -> Result<Option<File>, DomainError
     if !metadata.is_file() || metadata.uid() != geteuid().as_raw() || metadata.nlink() > 1 {
         return Err(foreign(path, &described(path)));
     }
+    if metadata.permissions().mode() & 0o777 != 0o600 {
+        // The umask took a bit that the next one to open it needs.
+        file.set_permissions(fs::Permissions::from_mode(0o600)).map_err(io_error("close to others", path))?;
+    }
     Ok(Some(file))
 }
 
