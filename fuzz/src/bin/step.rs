@@ -143,13 +143,15 @@ fuzz_target!(|bytes: &[u8]| {
                 engine.observer.reset();
                 engine.observer.keep_good_copy();
                 engine.gate.forget();
+                newest_ns = 0;
             }
             16..=23 => engine.observer.set_frozen(true),
             24..=31 => engine.observer.set_frozen(false),
             32..=47 => engine.observer.keep_good_copy(),
             48..=55 => engine.restore_good_copy(),
-            56..=63 => wake_ns += u64::from(bytes.byte()) * 14_000_000_000, // up to an hour without a tick
-            64..=119 => wake_ns += u64::from(bytes.byte()) * 1_000_000,
+            // An hour without a tick at most, rarely: 14 000 steps of a coast.
+            56 => wake_ns += u64::from(bytes.byte()) * 14_000_000_000,
+            57..=63 => wake_ns += u64::from(bytes.byte()) * 100_000_000,
             event => {
                 let near_ns =
                     if event % 2 == 0 { wake_ns } else { engine.gate.newest_stamp_ns().unwrap_or(wake_ns) };
