@@ -149,9 +149,10 @@ fuzz_target!(|bytes: &[u8]| {
             24..=31 => engine.observer.set_frozen(false),
             32..=47 => engine.observer.keep_good_copy(),
             48..=55 => engine.restore_good_copy(),
-            // An hour without a tick at most, rarely: 14 000 steps of a coast.
-            56 => wake_ns += u64::from(bytes.byte()) * 14_000_000_000,
-            57..=63 => wake_ns += u64::from(bytes.byte()) * 100_000_000,
+            // Some minutes without a tick at most, rarely: a coast takes 4 steps a second.
+            56 => wake_ns += u64::from(bytes.byte()) * 1_000_000_000,
+            57..=63 => wake_ns += u64::from(bytes.byte()) * 50_000_000,
+            64..=119 => wake_ns += u64::from(bytes.byte()) * 1_000_000,
             event => {
                 let near_ns =
                     if event % 2 == 0 { wake_ns } else { engine.gate.newest_stamp_ns().unwrap_or(wake_ns) };
