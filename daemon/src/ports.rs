@@ -68,6 +68,7 @@ impl LoopPorts {
         let estimate = services.make_estimate()?;
         let estimate = estimate.publisher_builder().create().map_err(refused("publish estimate"))?;
         let loan = Some(estimate.loan_uninit().map_err(refused("loan an estimate"))?);
+        domain.check_segments()?;
         Ok(Self { measurement, estimate, loan, _node: node })
     }
 

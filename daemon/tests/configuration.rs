@@ -130,7 +130,7 @@ fn a_linear_plant_of_wrong_shape_is_refused_by_its_key() {
         &good.replace("[[2.0, 1.0]]", "[[0.0, 0.0]]"),
         &["line 10", "linear.c", "singular values"],
     );
-    assert_refused(&good.replace("[13]", "[400000000]"), &["linear.centers_lower", "at most"]);
+    assert_refused(&good.replace("[13]", "[400000000]"), &["line 1", "linear.centers_", "at most"]);
     let dense = good.replace("[13]", "[30000]") + "solver = \"dense\"\n";
     assert_refused(&dense, &["linear.centers_lower", "7 GB", "at most 20000"]);
     // The local solver, which "auto" takes here, has no such matrix.

@@ -1,7 +1,8 @@
 //! Which shared memory: a root path, a prefix, and the lock under which anything in it is made.
 //!
 //! Everything of one domain lies in `<root>/` (static files, sockets) and `/dev/shm/<prefix>*` (segments).
-//! Only what the domain itself makes there is ever removed.
+//! Only what the domain itself makes there is ever removed. The root path is open to its owner alone, whatever
+//! the umask, and so is every segment; what another user planted in either is refused by name.
 //! A process killed while it makes a service, a node or a port leaves a half-made file behind that would
 //! stop every later start. So whoever makes something first takes the domain's lock and removes what a
 //! dead maker left half-made.
@@ -9,7 +10,8 @@
 use iceoryx2::prelude::{
     CallbackProgression, Config, FileName, Node, NodeState, Path as IoxPath, SemanticString, ipc,
 };
-use rustix::fs::{FlockOperation, flock};
+use rustix::fs::{FlockOperation, OFlags, flock};
+use rustix::process::geteuid;
 use std::fs::{self, File, OpenOptions};
 use std::io::{self, Read, Seek, Write};
 use std::os::unix::fs::{DirBuilderExt, MetadataExt, OpenOptionsExt, PermissionsExt};
@@ -37,6 +39,16 @@ pub enum DomainError {
     #[error("root path '{path}': {found}; needed: {needed}")]
     Root {
         /// The path.
+        path: String,
+        /// What was found.
+        found: String,
+        /// What would be accepted, and the command that helps.
+        needed: String,
+    },
+    /// A file where the domain's own belongs.
+    #[error("'{path}': {found}; needed: {needed}")]
+    Foreign {
+        /// The file.
         path: String,
         /// What was found.
         found: String,
@@ -84,9 +96,7 @@ impl Domain {
     pub fn of_user() -> Result<Self, DomainError> {
         match std::env::var_os(ROOT_VARIABLE) {
             Some(root) => Self::at(Path::new(&root)),
-            None => {
-                Self::at(Path::new(&format!("{SEGMENTS}/observer-{}", rustix::process::geteuid().as_raw())))
-            }
+            None => Self::at(Path::new(&format!("{SEGMENTS}/observer-{}", geteuid().as_raw()))),
         }
     }
 
@@ -147,8 +157,8 @@ impl Domain {
     /// half-made, and returns the lock. Hold it while nodes, services or ports are made.
     ///
     /// # Errors
-    /// `Root` where the path belongs to another user, `Locked` where another process makes something for
-    /// longer than 10 s, `Io` where the system refuses.
+    /// `Root` where the path is not this user's alone, `Foreign` where another user's file lies in the domain's
+    /// place, `Locked` where another process makes something for longer than 10 s, `Io` where the system refuses.
     pub fn lock_for_making(&self) -> Result<MakingLock, DomainError> {
         let deadline = Instant::now() + LOCK_PATIENCE;
         let file = loop {
@@ -166,6 +176,7 @@ impl Domain {
                 Err(_) => std::thread::sleep(Duration::from_millis(2)),
             }
         };
+        self.check_segments()?;
         let removed = self.remove_half_made()?;
         Ok(MakingLock { _file: file, removed })
     }
@@ -197,12 +208,7 @@ impl Domain {
         let path = self.root.join(name);
         loop {
             self.make_root()?;
-            let mut options = OpenOptions::new();
-            options.read(true).write(true).create(true).truncate(false).mode(0o640);
-            let mut file = match options.open(&path) {
-                Err(error) if error.kind() == io::ErrorKind::NotFound => continue,
-                file => file.map_err(io_error("open lock file", &path))?,
-            };
+            let Some(mut file) = open_lock_file(&path, true)? else { continue };
             match flock(&file, FlockOperation::NonBlockingLockExclusive) {
                 Ok(()) if !is_still_at(&file, &path) => {}
                 Ok(()) => {
@@ -223,7 +229,7 @@ impl Domain {
     /// Whether a service holds an instance of this domain.
     fn has_claims(&self) -> Result<bool, DomainError> {
         for claim in files_where(&self.root, |name| name.ends_with(CLAIM_SUFFIX))? {
-            let file = File::open(&claim).map_err(io_error("open lock file", &claim))?;
+            let Some(file) = open_lock_file(&claim, false)? else { continue };
             if flock(&file, FlockOperation::NonBlockingLockExclusive).is_err() {
                 return Ok(true);
             }
@@ -238,7 +244,10 @@ impl Domain {
     /// `Io` where the system refuses.
     pub fn remove(&self) -> Result<(), DomainError> {
         for segment in self.segments()? {
-            remove_file(&segment)?;
+            // In /dev/shm nobody else's file can be removed, and it is not the domain's.
+            if is_own_file(&segment) {
+                remove_file(&segment)?;
+            }
         }
         for directory in DIRECTORIES.map(|name| self.root.join(name)) {
             match fs::remove_dir_all(&directory) {
@@ -287,12 +296,59 @@ impl Domain {
         files_with_prefix(Path::new(SEGMENTS), &self.prefix)
     }
 
+    /// Refuses what another user planted where the domain's segments lie: /dev/shm is everyone's.
+    ///
+    /// # Errors
+    /// `Foreign` with the first such file.
+    pub fn check_segments(&self) -> Result<(), DomainError> {
+        match self.segments()?.iter().find(|segment| !is_own_file(segment)) {
+            Some(segment) => Err(foreign(segment, &described(segment))),
+            None => Ok(()),
+        }
+    }
+
+    /// iceoryx2 0.10.0 opens one segment to everyone, the count of nodes (`enable_global_access` in its
+    /// `node/global_management_segment.rs`). Whoever has it open could cut it short while we read it: so a copy
+    /// of the owner's alone takes its place. Call it under the domain's lock; no node is being made then, and
+    /// only that maps it.
+    pub(crate) fn close_segments_to_others(&self) -> Result<(), DomainError> {
+        for segment in self.segments()? {
+            let Ok(metadata) = fs::symlink_metadata(&segment) else { continue };
+            if metadata.permissions().mode() & 0o077 != 0 {
+                let copy = segment.with_file_name(format!("{}closing", self.prefix));
+                remove_file(&copy)?;
+                let content = fs::read(&segment).map_err(io_error("read", &segment))?;
+                let file = OpenOptions::new().write(true).create_new(true).mode(0o600).open(&copy);
+                let written = file.and_then(|mut file| {
+                    file.set_permissions(fs::Permissions::from_mode(0o600))?;
+                    file.write_all(&content)
+                });
+                written.map_err(io_error("write", &copy))?;
+                fs::rename(&copy, &segment).map_err(io_error("replace", &segment))?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Makes the root path if it is missing, and sees to it that it is this user's alone.
     fn make_root(&self) -> Result<(), DomainError> {
-        fs::DirBuilder::new()
-            .recursive(true)
-            .mode(0o750)
-            .create(&self.root)
-            .map_err(io_error("create directory", &self.root))?;
+        self.check_directories_above()?;
+        let made = fs::DirBuilder::new().recursive(true).mode(0o700).create(&self.root);
+        // What is there instead of a directory, and whose it is, says more than why none could be made.
+        let metadata = match fs::symlink_metadata(&self.root) {
+            Ok(metadata) => metadata,
+            Err(error) => return Err(io_error("create directory", &self.root)(made.err().unwrap_or(error))),
+        };
+        let user = geteuid().as_raw();
+        if !metadata.is_dir() || metadata.uid() != user {
+            return Err(DomainError::Root {
+                path: self.root.display().to_string(),
+                found: described(&self.root),
+                needed: format!(
+                    "a directory of user id {user}: run as its owner, or choose a root path of your own (--root, or {ROOT_VARIABLE} in the environment)"
+                ),
+            });
+        }
         // The lock is the first file made here and the last one removed: without it, nothing here is ours.
         if files_where(&self.root, is_lock)?.is_empty()
             && let Some(other) = files_where(&self.root, |_| true)?.first()
@@ -304,18 +360,37 @@ impl Domain {
                     .into(),
             });
         }
-        let owner = fs::metadata(&self.root).map_err(io_error("look at", &self.root))?.uid();
-        let user = rustix::process::geteuid().as_raw();
-        if owner == user {
-            return Ok(());
+        if metadata.permissions().mode() & 0o777 != 0o700 {
+            fs::set_permissions(&self.root, fs::Permissions::from_mode(0o700))
+                .map_err(io_error("close to others", &self.root))?;
         }
-        Err(DomainError::Root {
-            path: self.root.display().to_string(),
-            found: format!("belongs to user id {owner}, this process runs as user id {user}"),
-            needed: format!(
-                "run as user id {owner}, or choose a root path of your own (--root, or {ROOT_VARIABLE} in the environment)"
-            ),
-        })
+        Ok(())
+    }
+
+    /// Whoever may rename the root path may put another one in its place.
+    fn check_directories_above(&self) -> Result<(), DomainError> {
+        for directory in self.root.ancestors().skip(1) {
+            let Ok(metadata) = fs::metadata(directory) else { continue };
+            let (owner, mode) = (metadata.uid(), metadata.permissions().mode());
+            let is_trusted = owner == 0 || owner == geteuid().as_raw();
+            let is_open = mode & 0o002 != 0 && mode & 0o1000 == 0;
+            if !is_trusted || is_open {
+                let what = if is_open {
+                    "is writable by everyone".into()
+                } else {
+                    format!("belongs to user id {owner}")
+                };
+                return Err(DomainError::Root {
+                    path: self.root.display().to_string(),
+                    found: format!(
+                        "'{}' above it {what}, who may put another one in its place",
+                        directory.display()
+                    ),
+                    needed: "below directories of root or of your own, for example /dev/shm/flight1".into(),
+                });
+            }
+        }
+        Ok(())
     }
 
     /// A service file still writable by its owner (0600; finished is 0400) and a segment not yet readable
@@ -323,7 +398,7 @@ impl Domain {
     fn remove_half_made(&self) -> Result<usize, DomainError> {
         let mut removed = 0;
         for (file, unfinished) in self.half_made_candidates()? {
-            while let Ok(metadata) = fs::metadata(&file) {
+            while let Ok(metadata) = fs::symlink_metadata(&file) {
                 if !unfinished(metadata.permissions().mode()) {
                     break;
                 }
@@ -375,6 +450,63 @@ pub struct InstanceClaim {
 
 fn is_lock(name: &str) -> bool {
     name == MAKING_LOCK || name.ends_with(CLAIM_SUFFIX)
+}
+
+/// The lock file at `path`, made if it may be; `None` if it, or its directory, is not there.
+fn open_lock_file(path: &Path, create: bool) -> Result<Option<File>, DomainError> {
+    let mut options = OpenOptions::new();
+    options.read(true).write(true).create(create).truncate(false).mode(0o600);
+    // No link is followed, and a pipe in its place does not make us wait.
+    options.custom_flags((OFlags::NOFOLLOW | OFlags::NONBLOCK).bits() as i32);
+    let file = match options.open(path) {
+        Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(None),
+        Err(_) if fs::symlink_metadata(path).is_ok_and(|metadata| !metadata.is_file()) => {
+            return Err(foreign(path, &described(path)));
+        }
+        file => file.map_err(io_error("open lock file", path))?,
+    };
+    let metadata = file.metadata().map_err(io_error("look at", path))?;
+    if !metadata.is_file() || metadata.uid() != geteuid().as_raw() || metadata.nlink() > 1 {
+        return Err(foreign(path, &described(path)));
+    }
+    if metadata.permissions().mode() & 0o777 != 0o600 {
+        // The umask took a bit that the next one to open it needs.
+        file.set_permissions(fs::Permissions::from_mode(0o600)).map_err(io_error("close to others", path))?;
+    }
+    Ok(Some(file))
+}
+
+fn foreign(path: &Path, found: &str) -> DomainError {
+    DomainError::Foreign {
+        path: path.display().to_string(),
+        found: found.into(),
+        needed: format!(
+            "only files that user id {} made here: look who made it, then remove it (as its owner or root: rm '{}'), or choose another root path (--root, or {ROOT_VARIABLE})",
+            geteuid().as_raw(),
+            path.display()
+        ),
+    }
+}
+
+/// What is there, in words.
+fn described(path: &Path) -> String {
+    let Ok(metadata) = fs::symlink_metadata(path) else { return "vanished while it was looked at".into() };
+    let kind = metadata.file_type();
+    let kind = match () {
+        () if kind.is_dir() => "a directory",
+        () if kind.is_symlink() => "a symbolic link",
+        () if kind.is_file() && metadata.nlink() > 1 => "a file with several names",
+        () if kind.is_file() => "a file",
+        () => "neither a file nor a directory",
+    };
+    let (owner, user) = (metadata.uid(), geteuid().as_raw());
+    format!("{kind} that belongs to user id {owner}; this process runs as user id {user}")
+}
+
+/// A file of this user; one that vanished meanwhile counts as such.
+fn is_own_file(path: &Path) -> bool {
+    fs::symlink_metadata(path)
+        .map_or(true, |metadata| metadata.is_file() && metadata.uid() == geteuid().as_raw())
 }
 
 /// FNV-1a, 32 bits.

@@ -89,13 +89,15 @@ pub fn node(domain: &Domain, name: &str) -> Result<Node, ServiceError> {
     // iceoryx2 logs on its own; what matters comes back as an error and is said once, by us.
     set_log_level(LogLevel::Fatal);
     let node_name = NodeName::new(name).map_err(|error| refused("name node", name, &error))?;
-    NodeBuilder::new()
+    let node = NodeBuilder::new()
         .name(&node_name)
         .config(&domain.config())
         // A handler of iceoryx2's own would end the process without dropping its ports.
         .signal_handling_mode(SignalHandlingMode::Disabled)
         .create::<ipc::Service>()
-        .map_err(|error| refused("create node", name, &error))
+        .map_err(|error| refused("create node", name, &error))?;
+    domain.close_segments_to_others()?;
+    Ok(node)
 }
 
 /// Whether a name can be part of service names.

@@ -36,6 +36,6 @@ pub mod sensors;
 pub mod simulation;
 
 pub use cli::main_with_args;
-pub use replay::{CsvMap, Format, ImportError, RecordedFlight, read_flight};
+pub use replay::{CsvMap, Format, ImportError, RecordedFlight, parse_flight, read_flight};
 pub use scenario::Scenario;
 pub use simulation::{SimulatedSample, Simulation, SimulationError, SimulationOptions};

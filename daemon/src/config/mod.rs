@@ -22,6 +22,9 @@ pub use linear::{LinearConfig, SquareMatrix};
 /// An output is held for this many of its sample periods; then its channel coasts.
 const HOLD_PERIODS: f64 = 1.5;
 
+/// What the local solver's set-up takes for each center at its peak, measured with a million of them.
+const BYTES_PER_CENTER: u64 = 80;
+
 /// The built-in configurations: name, text.
 pub const PRESETS: [(&str, &str); 7] = [
     ("rigid-body", include_str!("../../presets/rigid-body.toml")),
@@ -784,6 +787,37 @@ impl ConfigFile {
                 return Err(self.wrong(key, &rate.to_string(), "0.01 … 10000 (in Hz)"));
             }
         }
+        self.check_memory(free_memory_bytes())
+    }
+
+    /// A lattice that does not fit into memory would end the process without a word.
+    fn check_memory(&self, free_bytes: Option<u64>) -> Result<(), ConfigError> {
+        let (translation, rotation) = (self.config.translation.as_ref(), self.config.rotation.as_ref());
+        let lattices = [
+            (
+                "translation.centers_per_axis",
+                translation.and_then(|t| t.centers_per_axis.as_ref()).map(|n| &n[..]),
+            ),
+            ("rotation.centers_per_axis", rotation.and_then(|r| r.centers_per_axis.as_ref()).map(|n| &n[..])),
+            (
+                "linear.centers_per_axis",
+                self.config.linear.as_ref().and_then(|l| l.centers_per_axis.as_deref()),
+            ),
+        ];
+        let Some(free_bytes) = free_bytes else { return Ok(()) };
+        for (key, per_axis) in lattices {
+            let n_centers = per_axis
+                .unwrap_or_default()
+                .iter()
+                .fold(1, |product: u64, &n| product.saturating_mul(n as u64));
+            let most = free_bytes / BYTES_PER_CENTER;
+            if n_centers > most {
+                let found = format!("{n_centers} centers");
+                let needed =
+                    format!("at most {most}: {:.1} GB of memory are free here", free_bytes as f64 * 1e-9);
+                return Err(self.wrong(key, &found, &needed));
+            }
+        }
         Ok(())
     }
 
@@ -843,6 +877,13 @@ impl ConfigFile {
         }
         commented
     }
+}
+
+/// What the system could still give; `None` where it does not say.
+fn free_memory_bytes() -> Option<u64> {
+    let text = std::fs::read_to_string("/proc/meminfo").ok()?;
+    let line = text.lines().find_map(|line| line.strip_prefix("MemAvailable:"))?;
+    line.trim().strip_suffix("kB")?.trim().parse::<u64>().ok()?.checked_mul(1024)
 }
 
 impl Source {
@@ -1007,5 +1048,21 @@ impl RotationConfig {
             attitude_fix_gain_per_s: self.attitude_fix_gain_per_s,
             attitude_fix_hold_s: self.attitude_fix_hold_s,
         })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_lattice_that_does_not_fit_into_memory_is_refused_by_its_key() {
+        let file = ConfigFile::preset("million-centers").unwrap();
+        assert!(free_memory_bytes().unwrap() > 1_000_000);
+        assert_eq!(file.check_memory(Some(80_000_000)), Ok(()));
+        assert_eq!(file.check_memory(None), Ok(()));
+        let message = file.check_memory(Some(79_999_999)).unwrap_err().to_string();
+        let expected = "translation.centers_per_axis: found 1000000 centers; needed: at most 999999: 0.1 GB of memory are free here";
+        assert!(message.contains(expected), "{message}");
     }
 }

@@ -177,9 +177,22 @@ impl RecordedFlight {
 pub fn read_flight(format: Format, path: &Path, map: &CsvMap) -> Result<RecordedFlight, ImportError> {
     let name = path.display().to_string();
     let bytes = std::fs::read(path).map_err(|source| ImportError::Io { path: name.clone(), source })?;
+    parse_flight(format, &bytes, &name, map)
+}
+
+/// A recorded flight from the bytes of its file; `name` stands for that in messages.
+///
+/// # Errors
+/// As [`read_flight`], without `Io`.
+pub fn parse_flight(
+    format: Format,
+    bytes: &[u8],
+    name: &str,
+    map: &CsvMap,
+) -> Result<RecordedFlight, ImportError> {
     match format {
-        Format::Acsl => acsl::parse(&bytes, &name),
-        Format::Csv => table::parse(&bytes, &name, map),
+        Format::Acsl => acsl::parse(bytes, name),
+        Format::Csv => table::parse(bytes, name, map),
     }
 }
 
