@@ -153,7 +153,8 @@ fn kill_at_any_time(kills: u64) {
     );
     assert!(10 * snapshots > 9 * (kills - 1), "{snapshots}");
     let files = std::fs::read_dir(domain.state.path()).unwrap();
-    let damaged = files.filter(|file| file.as_ref().unwrap().path().extension().is_some_and(|e| e == "damaged"));
+    let damaged =
+        files.filter(|file| file.as_ref().unwrap().path().extension().is_some_and(|e| e == "damaged"));
     assert_eq!(damaged.count(), 0);
     assert_ne!(status(&client).snapshot_restored, restored::NOTHING);
     drop(client);

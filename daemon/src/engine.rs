@@ -349,10 +349,13 @@ impl Engine {
     /// Goes on from what an engine of the same design has kept. With its state, the next step is the same to the bit.
     ///
     /// # Errors
-    /// Where the numbers are not as many as this design has: how many there are, how many are needed.
+    /// Where the numbers are not as many as this design has, or not finite: what was found, what is needed.
     pub fn resume(&mut self, kept: &Kept) -> Result<(), String> {
         if kept.learned.len() != self.n_kept() {
             return Err(format!("{} learned numbers; needed: {}", kept.learned.len(), self.n_kept()));
+        }
+        if let Some(number) = kept.learned.iter().find(|number| !number.is_finite()) {
+            return Err(format!("{number} among the learned numbers; needed: finite ones"));
         }
         self.estimator.put(&kept.learned);
         if let Some(state) = &kept.state {

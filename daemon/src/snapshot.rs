@@ -258,12 +258,18 @@ pub fn take_over(
         let path = path.display().to_string();
         return Err(SnapshotError::OtherDesign { path, differences: differences.join("; ") });
     }
-    let age_s = monotonic_ns().saturating_sub(snapshot.stamp_ns) as f64 / 1e9;
-    let goes_on = snapshot.boot_id == boot_id()
-        && config.clock == Clock::Monotonic
-        && age_s <= config.snapshot.resume_state_within_s;
     let Kept { learned, state } = snapshot.kept;
-    let kept = Kept { learned, state: state.filter(|_| goes_on) };
+    // Of the newest sample that went into it: what was silent for long is not gone on from.
+    let age_s = |state: &EngineState| {
+        let stamp_ns = state.estimator.stamp_ns()?;
+        Some(monotonic_ns().abs_diff(stamp_ns) as f64 / 1e9)
+    };
+    let goes_on = |state: &EngineState| {
+        snapshot.boot_id == boot_id()
+            && config.clock == Clock::Monotonic
+            && age_s(state).is_some_and(|age_s| age_s <= config.snapshot.resume_state_within_s)
+    };
+    let kept = Kept { learned, state: state.filter(goes_on) };
     engine.resume(&kept).map_err(|differences| SnapshotError::OtherDesign {
         path: path.display().to_string(),
         differences,

@@ -104,8 +104,10 @@ pub(crate) struct Prediction<S, const M: usize> {
 const TRAIL: usize = 32;
 /// After every so many steps of a coast, a step is twice as long,
 const STEPS_OF_ONE_LENGTH: u64 = 32;
-/// but not longer than this: f̂ is evaluated once a step.
+/// but not longer than this: f̂ is evaluated once a step,
 const LONGEST_STEP_NS: u64 = 250_000_000;
+/// for so many steps, a quarter of an hour and more. Beyond, an estimate says nothing, and its cost is what matters.
+const STEPS_OF_A_LONG_COAST: u64 = 4096;
 
 #[derive(Debug, Clone)]
 pub(crate) struct Timeline<P: Plant<M>, const M: usize> {
@@ -261,8 +263,8 @@ impl<P: Plant<M>, const M: usize> Timeline<P, M> {
             None => self.grid_point(0, held.moment, &held.learning),
         };
         loop {
-            let next_ns = point.moment.stamp_ns + self.step_ns(point.index);
-            if next_ns > to_ns {
+            let next_ns = point.moment.stamp_ns.saturating_add(self.step_ns(point.index));
+            if next_ns > to_ns || next_ns == u64::MAX {
                 break;
             }
             let moment = self.coast(&point, next_ns);
@@ -319,8 +321,11 @@ impl<P: Plant<M>, const M: usize> Timeline<P, M> {
 
     /// Length of the step from the grid point of this index.
     fn step_ns(&self, index: u64) -> u64 {
-        let doublings = (index / STEPS_OF_ONE_LENGTH).min(20);
-        (self.coast_step_ns << doublings).min(LONGEST_STEP_NS.max(self.coast_step_ns))
+        let doublings = |index: u64| (index / STEPS_OF_ONE_LENGTH).min(34);
+        let step_ns = |n: u64| self.coast_step_ns.saturating_mul(1 << n);
+        let longest_ns = LONGEST_STEP_NS.max(self.coast_step_ns);
+        let long_ns = longest_ns.saturating_mul(1 << doublings(index.saturating_sub(STEPS_OF_A_LONG_COAST)));
+        step_ns(doublings(index)).min(long_ns)
     }
 
     fn newest_grid_point(&self, to_ns: u64) -> Option<GridPoint<P::State, M>> {
@@ -377,7 +382,9 @@ impl<P: Plant<M>, const M: usize> Timeline<P, M> {
             kept.committed.map(|Moment { stamp_ns, state }| Moment { stamp_ns, state: resumed(&state) });
         self.put_back(committed);
         self.input = kept.input;
-        self.held_until_ns = kept.held_until_ns;
+        // Never longer than our own hold.
+        let longest_ns = committed.map_or(0, |moment| moment.stamp_ns.saturating_add(self.hold_ns));
+        self.held_until_ns = kept.held_until_ns.min(longest_ns);
         self.last_learning_clamped = kept.last_learning_clamped;
         self.output_stamp_ns = kept.output_stamp_ns;
         self.error_scale = kept.error_scale;

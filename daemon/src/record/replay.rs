@@ -137,7 +137,7 @@ impl Replay {
             Entry::Command(command) => self.engine.carry_out(*command),
             Entry::Kept => self.engine.keep_good_copy(),
             Entry::Missing(ticks) => {
-                self.report.ticks_missing += ticks;
+                self.report.ticks_missing = self.report.ticks_missing.saturating_add(*ticks);
                 self.is_checked = false;
             }
         }

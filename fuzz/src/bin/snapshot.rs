@@ -1,0 +1,39 @@
+//! Any bytes as a snapshot, with the right header and sum or without: a message, or a snapshot that an engine resumes
+//! from or refuses; what it then says is finite.
+
+#![no_main]
+
+use daemon::config::ConfigFile;
+use daemon::engine::Engine;
+use daemon::snapshot::Snapshot;
+use libfuzzer_sys::fuzz_target;
+use std::cell::LazyCell;
+
+thread_local! {
+    static START: LazyCell<(ConfigFile, Engine)> = const { LazyCell::new(|| {
+        let file = ConfigFile::preset("paper-translation").unwrap();
+        let engine = Engine::new(&file.config, file.estimator().unwrap());
+        (file, engine)
+    }) };
+}
+
+fuzz_target!(|bytes: &[u8]| {
+    let _ = Snapshot::decode(bytes);
+    // With a sum that fits, what is behind it is reached.
+    let whole = [b"obs-snap", 1_u32.to_le_bytes().as_slice(), &crc32fast::hash(bytes).to_le_bytes(), bytes].concat();
+    match Snapshot::decode(&whole) {
+        Err(message) => assert!(!message.is_empty()),
+        Ok(snapshot) => START.with(|start| {
+            let (file, engine) = &**start;
+            let _ = snapshot.differences(&file.config);
+            // Read back, it is the same: NaN is equal to nothing, so bytes are compared.
+            assert_eq!(Snapshot::decode(&snapshot.encode()).unwrap().encode(), snapshot.encode());
+            let mut engine = engine.clone();
+            if engine.resume(&snapshot.kept).is_ok() {
+                engine.begin(1_000_000_000_000, 0);
+                let estimate = engine.conclude();
+                assert!(estimate.is_finite(), "{estimate:?}");
+            }
+        }),
+    }
+});
