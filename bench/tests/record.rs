@@ -15,7 +15,7 @@ const PATIENCE: Duration = Duration::from_secs(10);
 fn check(record: &Path) -> (Option<i32>, serde_json::Value, String) {
     let checked = bench(&["replay", "--check", record.to_str().unwrap(), "--json"]).output().unwrap();
     let document = serde_json::from_slice(&checked.stdout).unwrap_or_default();
-    (checked.status.code(), document, text(&checked.stderr))
+    (checked.status.code(), document, text(&checked.stderr).into())
 }
 
 #[test]
