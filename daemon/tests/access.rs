@@ -315,8 +315,8 @@ fn a_flood_drops_the_oldest_counts_them_and_does_not_hold_the_loop() {
     });
     let status = domain.status();
     assert!(status.samples_lost > published / 2, "{} of {published}", status.samples_lost);
-    // One full queue a tick at most, and the last sample.
-    let most = 64 * (status.ticks - ticks_before + 1) + 1;
+    // While a tick takes them others come: it stops at 256.
+    let most = 256 * (status.ticks - ticks_before + 1) + 1;
     assert!(status.samples_accepted <= most, "{} of {published}", status.samples_accepted);
 }
 
