@@ -3,11 +3,14 @@
 
 use crate::cycle::{LoopCommand, TickRecord};
 use crate::ports::AttendantPorts;
+use crate::realtime::settings::Outcome;
 use crate::say;
+use crate::service_manager::ServiceManager;
 use hdrhistogram::Histogram;
 use shared_types::clock::monotonic_ns;
 use shared_types::payload::{LatencySummary, Rejection, Reply, Status, command, outcome};
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, OnceLock};
 use std::time::{Duration, Instant};
 
 const LOOK_EVERY: Duration = Duration::from_millis(5);
@@ -36,6 +39,9 @@ pub struct Attendant {
     rate_millihertz: u64,
     statuses: u64,
     logged: Logged,
+    /// What the system granted to the loop, once that is known.
+    real_time: Arc<OnceLock<Outcome>>,
+    service_manager: ServiceManager,
 }
 
 /// What the log has said already.
@@ -67,7 +73,14 @@ impl Attendant {
             rate_millihertz: (rate_hz * 1e3).round() as u64,
             statuses: 0,
             logged: Logged::default(),
+            real_time: Arc::default(),
+            service_manager: ServiceManager::of_this_process(),
         }
+    }
+
+    /// With the place where the loop's real-time settings will be told.
+    pub fn with_real_time(self, real_time: Arc<OnceLock<Outcome>>) -> Self {
+        Self { real_time, ..self }
     }
 
     /// Serves until `stop`; then publishes a last status that covers every tick.
@@ -76,9 +89,11 @@ impl Attendant {
         while !stop.load(Ordering::Relaxed) {
             self.gather();
             self.serve_commands();
+            self.service_manager.feed_watchdog(self.newest.map_or(0, |record| record.counters.ticks));
             if last_status.elapsed() >= STATUS_EVERY {
                 last_status = Instant::now();
-                self.publish_status();
+                let status = self.publish_status();
+                self.service_manager.describe(&status);
                 self.log();
             }
             std::thread::sleep(LOOK_EVERY);
@@ -117,6 +132,10 @@ impl Attendant {
             source_to_publish_ns: self.source_to_publish.summary(),
             ..Status::default()
         };
+        if let Some(outcome) = self.real_time.get() {
+            status.real_time_requested = outcome.requested;
+            status.real_time_granted = outcome.granted;
+        }
         let Some(record) = &self.newest else { return status };
         let counters = &record.counters;
         status.ticks = counters.ticks;
@@ -153,7 +172,7 @@ impl Attendant {
             command::RESET => (LoopCommand::Reset, "state and learned weights forgotten"),
             command::FREEZE => (LoopCommand::Freeze, "adaptation frozen; what was learned stays in use"),
             command::THAW => (LoopCommand::Thaw, "adaptation resumed"),
-            command::STATUS => return Reply::new(outcome::DONE, "running", self.status()),
+            command::STATUS => return Reply::new(outcome::DONE, &self.running(), self.status()),
             command::SAVE => {
                 let message =
                     "this version keeps no snapshots: the learned weights live as long as the service";
@@ -176,6 +195,16 @@ impl Attendant {
         }
         let message = format!("the loop did not answer within {} s: it is stuck", LOOP_PATIENCE.as_secs());
         Reply::new(outcome::REFUSED, &message, self.status())
+    }
+
+    /// That the service runs, and what the system refused it, and why: the status has only bits for that.
+    fn running(&self) -> String {
+        match self.real_time.get() {
+            Some(real_time) if !real_time.refused.is_empty() => {
+                format!("running; real time refused: {}", real_time.refused_in_short())
+            }
+            _ => "running".into(),
+        }
     }
 
     fn commands_done(&self) -> u64 {
@@ -249,20 +278,20 @@ impl Attendant {
 }
 
 /// A histogram of one latency: 1 ns to 100 s, three significant digits.
-struct Latency(Histogram<u64>);
+pub(crate) struct Latency(Histogram<u64>);
 
 impl Latency {
-    fn new() -> Self {
+    pub(crate) fn new() -> Self {
         Self(Histogram::new_with_bounds(1, 100_000_000_000, 3).expect("constant bounds"))
     }
 
-    fn note(&mut self, value_ns: Option<u64>) {
+    pub(crate) fn note(&mut self, value_ns: Option<u64>) {
         if let Some(value_ns) = value_ns {
             self.0.saturating_record(value_ns);
         }
     }
 
-    fn summary(&self) -> LatencySummary {
+    pub(crate) fn summary(&self) -> LatencySummary {
         LatencySummary {
             count: self.0.len(),
             p50: self.0.value_at_quantile(0.5),

@@ -15,9 +15,11 @@ use std::path::Path;
 
 mod keys;
 mod linear;
+mod real_time;
 
 use keys::{KEYS, comment, key_of};
 pub use linear::{LinearConfig, SquareMatrix};
+pub use real_time::RealTimeConfig;
 
 /// An output is held for this many of its sample periods; then its channel coasts.
 const HOLD_PERIODS: f64 = 1.5;
@@ -100,6 +102,9 @@ pub struct Config {
     /// Which samples are believed.
     #[serde(default)]
     pub input: InputConfig,
+    /// What the loop asks of the system.
+    #[serde(default)]
+    pub real_time: RealTimeConfig,
     /// The translation channel.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub translation: Option<TranslationConfig>,
@@ -719,7 +724,7 @@ impl ConfigFile {
                 return Err(self.wrong(key, &rate.to_string(), "0.01 … 10000 (in Hz)"));
             }
         }
-        Ok(())
+        self.check_real_time()
     }
 
     fn initial_state(&self) -> Result<InitialState, ConfigError> {
