@@ -86,7 +86,13 @@ fn ready_then_fed_by_ticks_then_stopping() {
 #[test]
 fn a_loop_that_does_not_tick_feeds_nothing() {
     let (manager, domain) = (Manager::new(), TestDomain::new());
-    let daemon = manager.start(&domain, Duration::from_millis(80), &["--rate-hz", "1"]);
+    // Stable at such a rate only if it learns slowly.
+    let config = tempfile::NamedTempFile::new().unwrap();
+    let text =
+        include_str!("../presets/linear.toml").replace("adaptation_rate = 50.0", "adaptation_rate = 5.0");
+    std::fs::write(config.path(), text).unwrap();
+    let arguments = ["--rate-hz", "1", "--config", config.path().to_str().unwrap()];
+    let daemon = manager.start(&domain, Duration::from_millis(80), &arguments);
     manager.hear_until("READY=1\n");
     let start = Instant::now();
     let first_ticks = domain.status().ticks;

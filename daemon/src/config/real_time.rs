@@ -88,6 +88,7 @@ mod tests {
     use super::*;
 
     fn file(before: &str, table: &str) -> ConfigFile {
+        // Lines before and after the preset's own, which are whole ones.
         let text = format!("{before}\n{}\n[real_time]\n{table}\n", super::super::PRESETS[0].1);
         ConfigFile::parse("vehicle.toml".into(), text).unwrap()
     }
@@ -101,22 +102,12 @@ mod tests {
             ("cores = [1, 1]", ["real_time.cores", "found [1, 1]", "each once"]),
         ] {
             let error = file("", table).estimator().unwrap_err().to_string();
-            let line = format!("vehicle.toml, line {}", PRESET_LINES + 3);
+            let line = format!("vehicle.toml, line {}", super::super::PRESETS[0].1.lines().count() + 4);
             assert!(parts.iter().all(|part| error.contains(part)) && error.contains(&line), "{error}");
         }
         let text = format!("{}\n[real_time]\npriority = -1\n", super::super::PRESETS[0].1);
         assert!(ConfigFile::parse("vehicle.toml".into(), text).is_err());
     }
-
-    const PRESET_LINES: usize = {
-        let text = super::super::PRESETS[0].1.as_bytes();
-        let (mut lines, mut i) = (0, 0);
-        while i < text.len() {
-            lines += (text[i] == b'\n') as usize;
-            i += 1;
-        }
-        lines
-    };
 
     #[test]
     fn cores_must_be_among_those_allowed_and_polling_must_leave_one() {

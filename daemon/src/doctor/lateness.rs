@@ -120,8 +120,9 @@ fn turn(mode: Mode, plan: &Plan, n_wakes: u32) -> Result<Vec<u64>, String> {
     if !mode.asks_for_nothing() {
         let (outcome, granted) = settings::apply(&mode.asked(plan));
         held = granted;
-        if let Some((_, refused)) = outcome.refused.first() {
-            return Err(refused.to_string());
+        if !outcome.refused.is_empty() {
+            let refused: Vec<_> = outcome.refused.iter().map(|(_, refused)| refused.to_string()).collect();
+            return Err(refused.join("; "));
         }
     }
     let spin_ns = if mode.spins() { (plan.spin_us * 1e3) as u64 } else { 0 };
