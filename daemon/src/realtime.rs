@@ -142,11 +142,14 @@ pub fn unlock_memory() {
     let _ = munlockall();
 }
 
-/// Locked memory of this process (kB).
-pub fn locked_memory_kb() -> Option<u64> {
+/// Locked memory of this process, and that which it occupies (kB).
+pub fn locked_and_occupied_kb() -> Option<(u64, u64)> {
     let status = std::fs::read_to_string("/proc/self/status").ok()?;
-    let line = status.lines().find_map(|line| line.strip_prefix("VmLck:"))?;
-    line.split_whitespace().next()?.parse().ok()
+    let kb = |name: &str| {
+        let line = status.lines().find_map(|line| line.strip_prefix(name))?;
+        line.split_whitespace().next()?.parse().ok()
+    };
+    Some((kb("VmLck:")?, kb("VmRSS:")?))
 }
 
 /// Whether the calling thread has a capability in effect.

@@ -2,8 +2,8 @@
 //! is believed only if it is then so.
 
 use super::{
-    AwakeCores, Refused, allowed_cores, keep_cores_awake, lock_memory, locked_memory_kb, refused, scheduling,
-    stay_on_cores, timer_slack_ns, unlock_memory, use_fifo, use_punctual_timers,
+    AwakeCores, Refused, allowed_cores, keep_cores_awake, lock_memory, locked_and_occupied_kb, refused,
+    scheduling, stay_on_cores, timer_slack_ns, unlock_memory, use_fifo, use_punctual_timers,
 };
 use crate::config::RealTimeConfig;
 use shared_types::payload::real_time as bits;
@@ -166,9 +166,15 @@ fn exactly_on(cores: &[usize]) -> Result<String, Refused> {
 }
 
 fn locked() -> Result<String, Refused> {
-    match locked_memory_kb() {
-        Some(kb) if kb > 0 => Ok(format!("{} MB of memory locked", kb.div_ceil(1024))),
-        found => Err(refused("lock all memory", format!("VmLck is {found:?} kB"), super::MEMORY_REMEDY)),
+    match locked_and_occupied_kb() {
+        // What is locked contains what is only reserved, for heaps of threads that may come.
+        Some((locked, occupied)) if locked >= occupied => {
+            Ok(format!("all memory locked ({} MB occupied)", occupied.div_ceil(1024)))
+        }
+        found => {
+            let found = format!("locked and occupied (kB): {found:?}");
+            Err(refused("lock all memory", found, super::MEMORY_REMEDY))
+        }
     }
 }
 
