@@ -528,6 +528,20 @@ mod tests {
     }
 
     #[test]
+    fn leftovers_are_what_no_living_process_holds() {
+        let (directory, domain) = temporary();
+        assert_eq!(domain.leftovers().unwrap(), Leftovers::default());
+        assert_eq!(fs::read_dir(directory.path()).unwrap().count(), 0, "looking makes nothing");
+        let claim = domain.claim_instance("vehicle").unwrap();
+        let held = domain.leftovers().unwrap();
+        assert_eq!((held.dead_claims.len(), held.files), (0, 2));
+        drop(claim);
+        let left = domain.leftovers().unwrap();
+        assert_eq!(left.dead_claims, [directory.path().join("vehicle.claim")]);
+        assert!(!left.is_clean());
+    }
+
+    #[test]
     fn only_the_domains_own_files_are_removed() {
         let (directory, domain) = temporary();
         let precious = directory.path().join("logs");
@@ -569,6 +583,10 @@ mod tests {
         let segment = |name: &str| Path::new(SEGMENTS).join(format!("{}{name}", domain.prefix));
         let half_made = [write(service("a"), 0o600), write(segment("a"), 0o200)];
         let finished = [write(service("b"), 0o400), write(segment("b"), 0o600)];
+        // Looking removes nothing.
+        let mut found = domain.leftovers().unwrap();
+        found.half_made.sort_by_key(|file| !file.starts_with(directory.path()));
+        assert_eq!((found.half_made.as_slice(), found.is_clean()), (&half_made[..], false));
         let lock = domain.lock_for_making().unwrap();
         assert_eq!(lock.half_made_files_removed(), 2);
         assert!(half_made.iter().all(|file| !file.exists()));

@@ -164,7 +164,7 @@ fn hypervisor(before: Option<ProcessorTime>) -> Fact {
     }) || Path::new("/sys/hypervisor/type").exists();
     let stolen = match (before, processor_time()) {
         (Some(before), Some(after)) if after.all > before.all => {
-            (after.stolen - before.stolen) as f64 / (after.all - before.all) as f64
+            after.stolen.saturating_sub(before.stolen) as f64 / (after.all - before.all) as f64
         }
         _ => 0.0,
     };

@@ -12,7 +12,6 @@ use shared_types::clock::monotonic_ns;
 
 /// Turns into which the measurement of each mode is divided.
 const TURNS: u32 = 4;
-pub(super) const N_MODES: usize = Mode::ALL.len();
 
 /// What the waiting thread asks for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
@@ -82,10 +81,19 @@ pub(super) struct LatenessRow {
     lateness_ns_reason: Option<String>,
 }
 
+fn wakes_per_turn(plan: &Plan) -> u32 {
+    (plan.seconds * plan.rate_hz / f64::from(TURNS)).ceil() as u32
+}
+
+/// How long [`measure`] takes (s).
+pub(super) fn seconds(plan: &Plan) -> f64 {
+    f64::from(wakes_per_turn(plan) * TURNS) / plan.rate_hz * Mode::ALL.len() as f64
+}
+
 /// Measures every mode.
 pub(super) fn measure(plan: &Plan) -> Vec<LatenessRow> {
     let mut found = Mode::ALL.map(|mode| (mode, Latency::new(), None::<String>));
-    let n_wakes = (plan.seconds * plan.rate_hz / f64::from(TURNS)).ceil() as u32;
+    let n_wakes = wakes_per_turn(plan);
     for _ in 0..TURNS {
         for (mode, latency, refused) in &mut found {
             if refused.is_some() {

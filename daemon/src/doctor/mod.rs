@@ -157,7 +157,7 @@ pub(crate) fn run(arguments: &DoctorArguments) -> anyhow::Result<()> {
         say!("warning: this is a debug build, its latencies mean little; use cargo build --release");
     }
     if !arguments.json {
-        say!("measuring for about {:.0} s …", plan.seconds * lateness::N_MODES as f64);
+        say!("measuring for about {:.0} s …", lateness::seconds(&plan).ceil());
     }
     let steal_before = facts::processor_time();
     let lateness = lateness::measure(&plan);
