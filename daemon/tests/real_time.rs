@@ -152,9 +152,12 @@ fn what_is_required_and_refused_starts_nothing() {
     domain.assert_clean();
 
     // What anyone is granted may be required.
+    let domain = TestDomain::new();
     let core = daemon::realtime::allowed_cores()[0].to_string();
-    let daemon = Daemon::start(domain, &["--require-real-time", "--cores", &core, "--instance", "other"]);
-    drop(daemon);
+    let daemon = Daemon::start(&domain, &["--require-real-time", "--cores", &core]);
+    domain.client();
+    let (code, log) = daemon.stop();
+    assert_eq!(code, Some(0), "{log}");
 }
 
 #[test]
