@@ -1,11 +1,10 @@
 //! The machine a measurement ran on, and the core it was pinned to: what its figures depend on.
 
 use anyhow::Context;
-use daemon::realtime;
+use daemon::{machine, realtime};
 use rustix::thread::sched_getcpu;
 use serde::Serialize;
 use shared_types::outln;
-use std::time::Instant;
 
 /// What the figures depend on.
 #[derive(Debug, Serialize)]
@@ -36,17 +35,15 @@ impl Machine {
             Err(reason) => (None, Some(reason)),
         };
         other_cores.retain(|core| Some(*core) != pinned_core);
-        let mut clock_ns: Vec<_> = (0..10_000).map(|_| Instant::now().elapsed().as_nanos() as u64).collect();
-        clock_ns.sort_unstable();
         Self {
-            cpu: cpu_model().unwrap_or_else(|| "unknown CPU".into()),
+            cpu: machine::cpu_model().unwrap_or_else(|| "unknown CPU".into()),
             cores,
             profile: if cfg!(debug_assertions) { "debug" } else { "release" },
             vector_instructions: observer::vector_unit(),
             pinned_core,
             other_cores,
             pinned_core_reason,
-            clock_ns: clock_ns[clock_ns.len() / 2 - 1],
+            clock_ns: machine::clock_reading_ns(),
         }
     }
 
@@ -87,12 +84,4 @@ fn pin() -> Result<usize, String> {
     let core = sched_getcpu();
     realtime::stay_on_cores(&[core]).map_err(|refused| refused.to_string())?;
     Ok(core)
-}
-
-fn cpu_model() -> Option<String> {
-    let text = std::fs::read_to_string("/proc/cpuinfo").ok()?;
-    // "model name" on x86, "Model" on many ARM boards.
-    let line = text.lines().find(|line| line.to_ascii_lowercase().starts_with("model name"));
-    let line = line.or_else(|| text.lines().find(|line| line.starts_with("Model")))?;
-    Some(line.split_once(':')?.1.trim().to_owned())
 }

@@ -4,14 +4,16 @@
 use crate::cycle::TickRecord;
 use crate::engine::LoopCommand;
 use crate::ports::AttendantPorts;
+use crate::realtime::settings::Outcome;
 use crate::record::RecorderProgress;
 use crate::say;
+use crate::service_manager::ServiceManager;
 use crate::snapshot::SaverHandle;
 use hdrhistogram::Histogram;
 use shared_types::clock::monotonic_ns;
 use shared_types::payload::{LatencySummary, Rejection, Reply, Status, command, outcome};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
-use std::sync::{Arc, mpsc};
+use std::sync::{Arc, OnceLock, mpsc};
 use std::time::{Duration, Instant};
 
 const LOOK_EVERY: Duration = Duration::from_millis(5);
@@ -48,6 +50,9 @@ pub struct Attendant {
     most_late_ticks_in_a_row: u64,
     statuses: u64,
     logged: Logged,
+    /// What the system granted to the loop, once that is known.
+    real_time: Arc<OnceLock<Outcome>>,
+    service_manager: ServiceManager,
 }
 
 /// What the log has said already.
@@ -87,24 +92,38 @@ impl Attendant {
             most_late_ticks_in_a_row: 0,
             statuses: 0,
             logged: Logged::default(),
+            real_time: Arc::default(),
+            service_manager: ServiceManager::of_this_process(),
         }
+    }
+
+    /// With the place where the loop's real-time settings will be told.
+    pub fn with_real_time(self, real_time: Arc<OnceLock<Outcome>>) -> Self {
+        Self { real_time, ..self }
     }
 
     /// Serves until `stop`; then publishes a last status that covers every tick.
     pub fn run(mut self, stop: &AtomicBool) -> Status {
         let mut last_status = Instant::now();
         while !stop.load(Ordering::Relaxed) {
-            self.gather();
+            self.keep_up();
             self.serve_commands();
             if last_status.elapsed() >= STATUS_EVERY {
                 last_status = Instant::now();
-                self.publish_status();
+                let status = self.publish_status();
+                self.service_manager.describe(&status);
                 self.log();
             }
             std::thread::sleep(LOOK_EVERY);
         }
         self.gather();
         self.publish_status()
+    }
+
+    /// What cannot wait, whatever else is being done.
+    fn keep_up(&mut self) {
+        self.gather();
+        self.service_manager.feed_watchdog(self.newest.map_or(0, |record| record.counters.ticks));
     }
 
     fn gather(&mut self) {
@@ -150,6 +169,10 @@ impl Attendant {
             status.ticks_recorded = read(&progress.written);
             status.ticks_not_recorded = read(&progress.failed);
         }
+        if let Some(outcome) = self.real_time.get() {
+            status.real_time_requested = outcome.requested;
+            status.real_time_granted = outcome.granted;
+        }
         let Some(record) = &self.newest else { return status };
         let counters = &record.counters;
         status.ticks = counters.ticks;
@@ -192,7 +215,7 @@ impl Attendant {
             command::RESET => (LoopCommand::Reset, "state and learned weights forgotten"),
             command::FREEZE => (LoopCommand::Freeze, "adaptation frozen; what was learned stays in use"),
             command::THAW => (LoopCommand::Thaw, "adaptation resumed"),
-            command::STATUS => return Reply::new(outcome::DONE, "running", self.status()),
+            command::STATUS => return Reply::new(outcome::DONE, &self.running(), self.status()),
             command::SAVE => return self.save(),
             _ => {
                 let message = format!("command {kind} is unknown; needed: 1 … 5");
@@ -222,7 +245,7 @@ impl Attendant {
         let wished = wishes.send(answer).is_ok();
         let deadline = Instant::now() + SAVE_PATIENCE;
         while wished && Instant::now() < deadline {
-            self.gather();
+            self.keep_up();
             match answered.recv_timeout(LOOK_EVERY) {
                 Ok(Ok(message)) => return Reply::new(outcome::DONE, &message, self.status()),
                 Ok(Err(message)) => return Reply::new(outcome::REFUSED, &message, self.status()),
@@ -232,6 +255,16 @@ impl Attendant {
         }
         let message = format!("nothing was saved within {} s", SAVE_PATIENCE.as_secs());
         Reply::new(outcome::REFUSED, &message, self.status())
+    }
+
+    /// That the service runs, and what the system refused it, and why: the status has only bits for that.
+    fn running(&self) -> String {
+        match self.real_time.get() {
+            Some(real_time) if !real_time.refused.is_empty() => {
+                format!("running; real time refused: {}", real_time.refused_in_short())
+            }
+            _ => "running".into(),
+        }
     }
 
     fn commands_done(&self) -> u64 {
@@ -355,20 +388,20 @@ impl Attendant {
 }
 
 /// A histogram of one latency: 1 ns to 100 s, three significant digits.
-struct Latency(Histogram<u64>);
+pub(crate) struct Latency(Histogram<u64>);
 
 impl Latency {
-    fn new() -> Self {
+    pub(crate) fn new() -> Self {
         Self(Histogram::new_with_bounds(1, 100_000_000_000, 3).expect("constant bounds"))
     }
 
-    fn note(&mut self, value_ns: Option<u64>) {
+    pub(crate) fn note(&mut self, value_ns: Option<u64>) {
         if let Some(value_ns) = value_ns {
             self.0.saturating_record(value_ns);
         }
     }
 
-    fn summary(&self) -> LatencySummary {
+    pub(crate) fn summary(&self) -> LatencySummary {
         LatencySummary {
             count: self.0.len(),
             p50: self.0.value_at_quantile(0.5),

@@ -4,13 +4,14 @@
 //! configuration.
 
 use crate::config::{ConfigError, ConfigFile, PRESETS};
+use crate::realtime::settings::{self, OffTheLoop};
 use crate::snapshot::{Snapshot, SnapshotError};
-use crate::{Service, ServiceFiles, StartError, check, say};
+use crate::{Service, ServiceFiles, StartError, check, doctor, say, service_manager};
 use anyhow::Context;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use comfy_table::{Table, presets::NOTHING};
 use shared_types::outln;
-use shared_types::payload::{LatencySummary, Rejection, Status, command, outcome, restored};
+use shared_types::payload::{LatencySummary, Rejection, Status, command, outcome, real_time, restored};
 use shared_types::{Client, ClientError, Domain, DomainError};
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 use std::ffi::OsString;
@@ -43,6 +44,8 @@ enum Task {
         #[command(flatten)]
         design: DesignArguments,
         #[command(flatten)]
+        real_time: RealTimeArguments,
+        #[command(flatten)]
         place: PlaceArguments,
         #[command(flatten)]
         files: FileArguments,
@@ -72,6 +75,14 @@ enum Task {
         #[command(flatten)]
         design: DesignArguments,
     },
+    /// Tell what this machine grants: measured, not believed.
+    ///
+    /// How late threads wake up with each setting; scheduling rights, locked memory, cores, clock, kernel,
+    /// shared memory, stale files: each with the command that would help. Needs no rights; changes nothing.
+    #[command(
+        after_help = "Examples:\n  daemon doctor\n  daemon doctor --preset rigid-body --json\n  daemon doctor --seconds 10 --priority 50"
+    )]
+    Doctor(doctor::DoctorArguments),
     /// Talk to a running service.
     #[command(after_help = "Examples:\n  daemon control status\n  daemon control freeze --instance auv1")]
     Control {
@@ -150,11 +161,35 @@ fn default_state_directory() -> Option<PathBuf> {
         .or_else(|| Some(absolute("HOME")?.join(".local/state/observer")))
 }
 
+/// Instead of the configuration's `[real_time]`.
 #[derive(Debug, Args)]
-struct PlaceArguments {
+struct RealTimeArguments {
+    /// Refuse to start when the system refuses a real-time setting of the configuration.
+    #[arg(long)]
+    require_real_time: bool,
+    /// SCHED_FIFO with this priority for the loop.
+    #[arg(long, value_name = "1…98")]
+    priority: Option<u8>,
+    /// Cores of the loop.
+    #[arg(long, value_name = "CORE,…", value_delimiter = ',')]
+    cores: Option<Vec<usize>>,
+}
+
+impl RealTimeArguments {
+    fn change(&self, file: &mut ConfigFile) {
+        file.set_real_time(|real_time| {
+            real_time.required |= self.require_real_time;
+            real_time.priority = self.priority.or(real_time.priority);
+            real_time.cores = self.cores.clone().or(real_time.cores.take());
+        });
+    }
+}
+
+#[derive(Debug, Args)]
+pub(crate) struct PlaceArguments {
     /// Name of the vehicle; its services are NAME/measurement, NAME/estimate, …
     #[arg(long, value_name = "NAME", default_value = "vehicle")]
-    instance: String,
+    pub(crate) instance: String,
     /// Root path of the shared-memory domain [default: /dev/shm/observer-UID].
     #[arg(long, value_name = "PATH", env = shared_types::domain::ROOT_VARIABLE)]
     root: Option<PathBuf>,
@@ -184,10 +219,11 @@ pub fn main_with_args(args: impl IntoIterator<Item = OsString>) -> ExitCode {
         }
     };
     let done = match arguments.command {
-        Task::Run { design, place, files } => run(&design, &place, &files),
+        Task::Run { design, real_time, place, files } => run(&design, &real_time, &place, &files),
         Task::Snapshot { task: SnapshotTask::Show { file, json } } => show_snapshot(&file, json),
         Task::Config { design } => config(&design),
         Task::Check { json, design } => check(json, &design),
+        Task::Doctor(arguments) => doctor::run(&arguments),
         Task::Control { action, json, place } => control(action, json, &place),
     };
     match done {
@@ -217,7 +253,7 @@ impl DesignArguments {
 }
 
 impl PlaceArguments {
-    fn domain(&self) -> Result<Domain, DomainError> {
+    pub(crate) fn domain(&self) -> Result<Domain, DomainError> {
         match &self.root {
             Some(root) => Domain::at(root),
             None => Domain::of_user(),
@@ -225,8 +261,14 @@ impl PlaceArguments {
     }
 }
 
-fn run(design: &DesignArguments, place: &PlaceArguments, files: &FileArguments) -> anyhow::Result<()> {
-    let config = design.read()?;
+fn run(
+    design: &DesignArguments,
+    real_time: &RealTimeArguments,
+    place: &PlaceArguments,
+    files: &FileArguments,
+) -> anyhow::Result<()> {
+    let mut config = design.read()?;
+    real_time.change(&mut config);
     let domain = place.domain()?;
     let files = files.files()?;
     let stop = Arc::new(AtomicBool::new(false));
@@ -240,10 +282,13 @@ fn run(design: &DesignArguments, place: &PlaceArguments, files: &FileArguments) 
         domain.root().display(),
         config.config.rate_hz
     );
+    service_manager::tell_ready();
+    let _off_the_loop = OffTheLoop::of_calling_thread(&config.config.real_time);
     while !stop.load(Ordering::Relaxed) {
         anyhow::ensure!(service.is_running(), "a thread ended by itself: a defect, please report it");
         std::thread::sleep(Duration::from_millis(20));
     }
+    service_manager::tell_stopping();
     let status = service.stop();
     say!(
         "stopped after {} ticks; samples: {} used, {} lost, {} rejected; {} deadlines missed",
@@ -328,8 +373,15 @@ fn control(action: ControlAction, json: bool, place: &PlaceArguments) -> anyhow:
     let reply = answer.map_err(|error: ClientError| anyhow::anyhow!(error))?;
     anyhow::ensure!(reply.outcome == outcome::DONE, "refused: {}", reply.text());
     match (json, action) {
-        (true, _) => outln!("{}", serde_json::to_string_pretty(&status_document(&reply.status)?)?),
-        (false, ControlAction::Status) => print_status(&reply.status),
+        (true, _) => {
+            let mut document = status_document(&reply.status)?;
+            document["message"] = reply.text().into();
+            outln!("{}", serde_json::to_string_pretty(&document)?);
+        }
+        (false, ControlAction::Status) => {
+            print_status(&reply.status);
+            print_refused(&reply.status, reply.text());
+        }
         (false, _) => outln!("{}", reply.text()),
     }
     Ok(())
@@ -347,12 +399,35 @@ impl ControlAction {
     }
 }
 
-/// The status with the reasons of rejection by name.
+/// Bits of [`real_time`] that were asked for and refused.
+fn refused_bits(status: &Status) -> impl Iterator<Item = u64> {
+    let refused = status.real_time_requested & !status.real_time_granted;
+    (0..u64::BITS).map(|k| 1 << k).filter(move |bit| refused & bit != 0)
+}
+
+/// The service's own words about what was refused, and what would help.
+fn print_refused(status: &Status, text: &str) {
+    if status.real_time_requested & !status.real_time_granted == 0 {
+        return;
+    }
+    outln!("\n{text}");
+    for bit in refused_bits(status) {
+        outln!("  {}: {}", real_time::words(bit).join(" "), settings::remedy(bit));
+    }
+}
+
+/// The status with the reasons of rejection and the real-time settings by name.
 fn status_document(status: &Status) -> serde_json::Result<serde_json::Value> {
     let mut document = serde_json::to_value(status)?;
     let reasons =
         Rejection::ALL.map(|reason| (reason.words().replace(' ', "_"), status.rejected(reason).into()));
     document["samples_rejected"] = serde_json::Value::Object(reasons.into_iter().collect());
+    let refused = refused_bits(status)
+        .map(|bit| serde_json::json!({ "setting": real_time::words(bit).join(" "), "remedy": settings::remedy(bit) }));
+    document["real_time"] = serde_json::json!({
+        "granted": real_time::words(status.real_time_granted),
+        "refused": refused.collect::<Vec<_>>(),
+    });
     Ok(document)
 }
 
@@ -381,6 +456,10 @@ fn print_status(status: &Status) {
     fact("rejected", if rejected.is_empty() { "0".into() } else { rejected.join("; ") });
     fact("source", format!("{}; another: {}", source(status.source_pid), source(status.other_source_pid)));
     fact("adaptation", if status.adaptation_frozen == 1 { "frozen".into() } else { "on".into() });
+    let refused = real_time::words(status.real_time_requested & !status.real_time_granted).join(", ");
+    let refused = if refused.is_empty() { "nothing".into() } else { refused };
+    let granted = real_time::words(status.real_time_granted).join(", ");
+    fact("real time", format!("granted: {granted}; refused: {refused}"));
     fact("coasting", format!("{} ticks", status.ticks_coasting));
     fact("clamped", format!("{} ticks", status.ticks_clamped));
     fact("state resets", status.state_resets.to_string());

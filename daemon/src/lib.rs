@@ -21,6 +21,9 @@
 //! | [`snapshot`] | what was learned, in a file; resumed at the start |
 //! | [`record`] | the flight record, and its replay to the same bits |
 //! | [`attendant`] | status, commands, log |
+//! | [`service_manager`] | what systemd is told |
+//! | [`doctor`] | what this machine grants, measured |
+//! | [`machine`] | facts that figures depend on |
 //! | [`cli`] | the command line |
 
 pub mod attendant;
@@ -28,12 +31,15 @@ pub mod check;
 pub mod cli;
 pub mod config;
 pub mod cycle;
+pub mod doctor;
 pub mod engine;
 pub mod estimator;
 pub mod gate;
+pub mod machine;
 pub mod ports;
 pub mod realtime;
 pub mod record;
+pub mod service_manager;
 pub mod snapshot;
 
 /// Writes a line to the log, stderr. Whether anyone reads it is not the service's concern.
@@ -44,18 +50,19 @@ pub(crate) use say;
 
 use attendant::{Attendant, AttendantRings};
 use config::{ConfigError, ConfigFile};
+use config::{RealTimeConfig, Trigger};
 use cycle::{Cycle, LoopRings};
 use engine::Engine;
 use ports::{AttendantPorts, LoopPorts, PortsError};
+use realtime::settings::{self, OffTheLoop, Outcome};
 use record::{RecorderRing, Session};
 use shared_types::domain::InstanceClaim;
 use shared_types::service::{ServiceError, check_instance_name};
 use shared_types::{Domain, DomainError, Status};
 use snapshot::SnapshotError;
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::mpsc;
+use std::sync::{Arc, OnceLock, mpsc};
 use std::thread::JoinHandle;
 
 /// Tick records on their way to the attendant: a second and more at any usual rate.
@@ -86,6 +93,11 @@ pub enum StartError {
     /// A thread could not be started, or ended at once.
     #[error("the {0} thread did not start")]
     Thread(&'static str),
+    /// The system refused what `real_time.required` asks for.
+    #[error(
+        "real-time settings are required (--require-real-time, real_time.required) and refused: {0}; see all with daemon doctor"
+    )]
+    RealTime(String),
 }
 
 impl From<DomainError> for StartError {
@@ -152,8 +164,16 @@ impl Service {
         let estimator = config.estimator()?;
         check::local_solvers(&estimator).iter().for_each(|sentence| say!("{sentence}"));
         check::unproven(config, &estimator).iter().for_each(|sentence| say!("warning: {sentence}"));
+        config.check_cores(&realtime::allowed_cores())?;
         let config = config.config.clone();
         check_instance_name(instance).map_err(PortsError::from)?;
+        if config.real_time.required {
+            // Before anything is made that others could see.
+            nothing_refused(&settings::try_out(&config.real_time))?;
+        }
+        // The threads started from here on inherit this; the loop moves to its own cores.
+        let _off_the_loop = OffTheLoop::of_calling_thread(&config.real_time)
+            .map_err(|refused| say!("warning: helpers stay on the loop's cores: {refused}"));
         // From here on the snapshot, too, is ours alone.
         let claim = domain.claim_instance(instance)?;
 
@@ -199,10 +219,12 @@ impl Service {
             attendant_thread: None,
         };
         let rate_hz = config.rate_hz;
+        let real_time: Arc<OnceLock<Outcome>> = Arc::default();
+        let seen = Arc::clone(&real_time);
         let stop = Arc::clone(&service.stop_attendant);
         service.attendant_thread =
             Some(spawn_with("attendant", domain, instance, AttendantPorts::make, move |ports| {
-                Attendant::new(ports, attendant_rings, rate_hz, restored).run(&stop)
+                Attendant::new(ports, attendant_rings, rate_hz, restored).with_real_time(seen).run(&stop)
             })?);
         if let Some(saver) = saver {
             let stop = Arc::clone(&service.stop_writers);
@@ -213,11 +235,22 @@ impl Service {
             service.writer_threads.push(spawn("recorder", move || recorder.run(&stop))?);
         }
         let stop = Arc::clone(&service.stop_loop);
+        let (settled, settings) = mpsc::sync_channel(1);
+        let asked = config.real_time.clone();
+        let polls = config.trigger == Trigger::Sample;
         service.loop_thread = Some(spawn_with("loop", domain, instance, LoopPorts::make, move |ports| {
-            // Where it is refused, waits end up to 50 µs later, as they would have anyway.
-            let _ = realtime::use_punctual_timers();
-            Cycle::new(engine, ports, loop_rings).run(&config, &stop);
+            let mut cycle = Cycle::new(engine, ports, loop_rings);
+            // Everything that a tick uses exists: it is all locked, and the priority is not spent on set-up.
+            let (outcome, _held) = settings::apply(&config.real_time);
+            let _ = settled.send(outcome);
+            cycle.run(&config, &stop);
         })?);
+        let outcome = settings.recv().map_err(|_| StartError::Thread("loop"))?;
+        say_real_time(&asked, polls, &outcome);
+        if asked.required {
+            nothing_refused(&outcome)?;
+        }
+        let _ = real_time.set(outcome);
         Ok(service)
     }
 
@@ -262,6 +295,28 @@ impl Drop for Service {
 fn spawn(name: &'static str, work: impl FnOnce() + Send + 'static) -> Result<JoinHandle<()>, StartError> {
     let thread = std::thread::Builder::new().name(format!("daemon-{name}")).spawn(work);
     thread.map_err(|_| StartError::Thread(name))
+}
+
+fn nothing_refused(outcome: &Outcome) -> Result<(), StartError> {
+    let refused: Vec<_> = outcome.refused.iter().map(|(_, refused)| refused.to_string()).collect();
+    if refused.is_empty() { Ok(()) } else { Err(StartError::RealTime(refused.join("; "))) }
+}
+
+/// Says what was granted, and each refusal with its reason and remedy.
+fn say_real_time(asked: &RealTimeConfig, polls: bool, outcome: &Outcome) {
+    say!("real time: {}", outcome.found.join(", "));
+    for (_, refused) in &outcome.refused {
+        say!("warning: real time: {refused}");
+    }
+    if asked.priority.is_some()
+        && polls
+        && let Some(found) = settings::throttling()
+    {
+        say!(
+            "warning: polling at a fixed priority, and {found}: the kernel may stop the loop for the rest; \
+              give it a core of its own, then sysctl -w kernel.sched_rt_runtime_us=-1"
+        );
+    }
 }
 
 /// Starts a thread that makes its ports itself, since they stay on the thread that makes them, and waits

@@ -4,18 +4,29 @@
 //! Nothing here is needed for a correct estimate, only for a punctual one: each call says what was refused,
 //! why, and what would help, and the caller goes on without it.
 
-use rustix::mm::{MlockAllFlags, mlockall};
+pub mod settings;
+
+use rustix::mm::{MlockAllFlags, mlockall, munlockall};
 use rustix::process::{Resource, getrlimit};
 use rustix::thread::{
-    CapabilitySet, CpuSet, capabilities, sched_getaffinity, sched_setaffinity, set_current_timer_slack,
+    CapabilitySet, CpuSet, capabilities, current_timer_slack, sched_getaffinity, sched_setaffinity,
+    set_current_timer_slack,
 };
 use std::fs::File;
-use std::io::Write;
+use std::io::{Read, Write};
 use std::num::NonZeroU64;
 use thread_priority::{
     Error as PriorityError, RealtimeThreadSchedulePolicy, ThreadPriority, ThreadSchedulePolicy,
-    set_thread_priority_and_policy, thread_native_id,
+    set_thread_priority_and_policy, thread_native_id, thread_schedule_policy_param,
 };
+
+const CORES_REMEDY: &str = "see the cores of this process with taskset -p, of the machine with lscpu";
+const FIFO_REMEDY: &str =
+    "needed: root, CAP_SYS_NICE, or a limit (ulimit -r, LimitRTPRIO= of systemd) of that";
+const TIMERS_REMEDY: &str = "nothing to do: waits may end 50 µs later";
+const MEMORY_REMEDY: &str =
+    "needed: root, CAP_IPC_LOCK, or ulimit -l unlimited (LimitMEMLOCK=infinity of systemd)";
+const AWAKE_REMEDY: &str = "needed: read and write permission on that file, by default root's";
 
 /// A wish that the system did not grant.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
@@ -44,16 +55,19 @@ pub fn allowed_cores() -> Vec<usize> {
 /// # Errors
 /// `Refused` where no such core exists or the process may not use it.
 pub fn stay_on_cores(cores: &[usize]) -> Result<(), Refused> {
-    const REMEDY: &str = "see the cores of this process with taskset -p, of the machine with lscpu";
     let asked = || format!("run on cores {cores:?} only");
     let mut set = CpuSet::new();
     for &core in cores {
         if core >= CpuSet::MAX_CPU {
-            return Err(refused(asked(), format!("core {core} is beyond what a CPU set holds"), REMEDY));
+            return Err(refused(
+                asked(),
+                format!("core {core} is beyond what a CPU set holds"),
+                CORES_REMEDY,
+            ));
         }
         set.set(core);
     }
-    sched_setaffinity(None, &set).map_err(|error| refused(asked(), error, REMEDY))
+    sched_setaffinity(None, &set).map_err(|error| refused(asked(), error, CORES_REMEDY))
 }
 
 /// Gives the calling thread a fixed priority (SCHED_FIFO), 1 to 99: it runs whenever it can, before every
@@ -62,8 +76,6 @@ pub fn stay_on_cores(cores: &[usize]) -> Result<(), Refused> {
 /// # Errors
 /// `Refused` without the right to it, or for a priority out of range.
 pub fn use_fifo(priority: u8) -> Result<(), Refused> {
-    const REMEDY: &str =
-        "needed: root, CAP_SYS_NICE, or a limit (ulimit -r, LimitRTPRIO= of systemd) of that";
     let found = match priority.try_into() {
         Ok(value) => set_thread_priority_and_policy(
             thread_native_id(),
@@ -78,8 +90,19 @@ pub fn use_fifo(priority: u8) -> Result<(), Refused> {
             PriorityError::PriorityNotInRange(range) => format!("{priority} is not in {range:?}"),
             other => format!("{other:?}"),
         };
-        refused(format!("SCHED_FIFO with priority {priority}"), found, REMEDY)
+        refused(format!("SCHED_FIFO with priority {priority}"), found, FIFO_REMEDY)
     })
+}
+
+/// Policy and priority of the calling thread, as the kernel says.
+pub fn scheduling() -> Option<(&'static str, i32)> {
+    let (policy, parameters) = thread_schedule_policy_param(thread_native_id()).ok()?;
+    let name = match policy {
+        ThreadSchedulePolicy::Realtime(RealtimeThreadSchedulePolicy::Fifo) => "SCHED_FIFO",
+        ThreadSchedulePolicy::Realtime(_) => "another real-time policy",
+        ThreadSchedulePolicy::Normal(_) => "an ordinary policy",
+    };
+    Some((name, parameters.sched_priority))
 }
 
 /// Takes away the 50 µs by which the kernel may delay the calling thread's timers to serve several at once.
@@ -89,7 +112,12 @@ pub fn use_fifo(priority: u8) -> Result<(), Refused> {
 /// `Refused` where the kernel knows no timer slack.
 pub fn use_punctual_timers() -> Result<(), Refused> {
     set_current_timer_slack(NonZeroU64::new(1))
-        .map_err(|error| refused("timers without slack", error, "nothing to do: waits may end 50 µs later"))
+        .map_err(|error| refused("timers without slack", error, TIMERS_REMEDY))
+}
+
+/// By how much the kernel may delay the calling thread's timers (ns).
+pub fn timer_slack_ns() -> Option<u64> {
+    current_timer_slack().ok()
 }
 
 /// Keeps all memory of this process, present and future, from being swapped out or mapped only when it is
@@ -101,13 +129,32 @@ pub fn use_punctual_timers() -> Result<(), Refused> {
 /// `Refused` without the right to it.
 pub fn lock_memory() -> Result<(), Refused> {
     const ASKED: &str = "lock all memory";
-    const REMEDY: &str =
-        "needed: root, CAP_IPC_LOCK, or ulimit -l unlimited (LimitMEMLOCK=infinity of systemd)";
-    let privileged = capabilities(None).is_ok_and(|sets| sets.effective.contains(CapabilitySet::IPC_LOCK));
-    if let Some(limit) = getrlimit(Resource::Memlock).current.filter(|_| !privileged) {
-        return Err(refused(ASKED, format!("the limit is {} kB", limit / 1024), REMEDY));
+    if let Some(limit) = getrlimit(Resource::Memlock).current.filter(|_| !has(CapabilitySet::IPC_LOCK)) {
+        return Err(refused(ASKED, format!("the limit is {} kB", limit / 1024), MEMORY_REMEDY));
     }
-    mlockall(MlockAllFlags::CURRENT | MlockAllFlags::FUTURE).map_err(|error| refused(ASKED, error, REMEDY))
+    mlockall(MlockAllFlags::CURRENT | MlockAllFlags::FUTURE)
+        .map_err(|error| refused(ASKED, error, MEMORY_REMEDY))
+}
+
+/// Takes [`lock_memory`] back.
+pub fn unlock_memory() {
+    // It fails only where nothing can be locked either.
+    let _ = munlockall();
+}
+
+/// Locked memory of this process, and that which it occupies (kB).
+pub fn locked_and_occupied_kb() -> Option<(u64, u64)> {
+    let status = std::fs::read_to_string("/proc/self/status").ok()?;
+    let kb = |name: &str| {
+        let line = status.lines().find_map(|line| line.strip_prefix(name))?;
+        line.split_whitespace().next()?.parse().ok()
+    };
+    Some((kb("VmLck:")?, kb("VmRSS:")?))
+}
+
+/// Whether the calling thread has a capability in effect.
+pub fn has(capability: CapabilitySet) -> bool {
+    capabilities(None).is_ok_and(|sets| sets.effective.contains(capability))
 }
 
 /// While it lives, no core enters an idle state that takes time to leave.
@@ -124,18 +171,19 @@ pub struct AwakeCores {
 pub fn keep_cores_awake() -> Result<AwakeCores, Refused> {
     const REQUEST: &str = "/dev/cpu_dma_latency";
     let open = || -> std::io::Result<File> {
-        let mut request = File::options().write(true).open(REQUEST)?;
-        // The longest latency that is accepted (µs), as 32 bits.
+        let mut request = File::options().read(true).write(true).open(REQUEST)?;
+        // The longest latency that is accepted (µs), as 32 bits; read back, the shortest that anyone asks for.
         request.write_all(&0_i32.to_ne_bytes())?;
-        Ok(request)
+        let mut found = [1; 4];
+        request.read_exact(&mut found)?;
+        match i32::from_ne_bytes(found) {
+            0 => Ok(request),
+            latency_us => Err(std::io::Error::other(format!("the kernel keeps to {latency_us} µs"))),
+        }
     };
-    open().map(|request| AwakeCores { _request: request }).map_err(|error| {
-        refused(
-            format!("cores that wake up at once ({REQUEST})"),
-            error,
-            "needed: write permission on that file, by default root's",
-        )
-    })
+    open()
+        .map(|request| AwakeCores { _request: request })
+        .map_err(|error| refused(format!("cores that wake up at once ({REQUEST})"), error, AWAKE_REMEDY))
 }
 
 #[cfg(test)]

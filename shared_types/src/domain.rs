@@ -7,6 +7,7 @@
 //! stop every later start. So whoever makes something first takes the domain's lock and removes what a
 //! dead maker left half-made.
 
+use iceoryx2::node::NodeView;
 use iceoryx2::prelude::{
     CallbackProgression, Config, FileName, Node, NodeState, Path as IoxPath, SemanticString, ipc,
 };
@@ -288,6 +289,65 @@ impl Domain {
         if listed.is_ok() && !in_use { self.remove() } else { Ok(()) }
     }
 
+    /// What dead processes left behind, and how many living ones there are; removes nothing, makes nothing.
+    ///
+    /// # Errors
+    /// `Locked` where another process makes something meanwhile, `Io` where a directory cannot be read.
+    pub fn leftovers(&self) -> Result<Leftovers, DomainError> {
+        let mut left = Leftovers::default();
+        // Held, nobody makes or claims anything: what is half-made now has no living maker.
+        let making = self.root.join(MAKING_LOCK);
+        let _lock = match File::open(&making) {
+            Err(error) if error.kind() == io::ErrorKind::NotFound => None,
+            Err(error) => return Err(io_error("open lock file", &making)(error)),
+            Ok(file) => Some(self.wait_for_lock(file)?),
+        };
+        for (file, unfinished) in self.half_made_candidates()? {
+            left.files += 1;
+            if fs::metadata(&file).is_ok_and(|metadata| unfinished(metadata.permissions().mode())) {
+                left.half_made.push(file);
+            }
+        }
+        for lock in files_where(&self.root, is_lock)? {
+            left.files += 1;
+            let is_free = |file: File| flock(&file, FlockOperation::NonBlockingLockExclusive).is_ok();
+            if lock != making && File::open(&lock).is_ok_and(is_free) {
+                left.dead_claims.push(lock);
+            }
+        }
+        // A half-made segment can hold up whoever lists the nodes.
+        if left.half_made.is_empty() {
+            let _ = Node::<ipc::Service>::list(&self.config(), |node| {
+                match node {
+                    NodeState::Dead(node) => {
+                        let pid = node.id().pid::<ipc::Service>();
+                        left.dead_pids.push(pid.map_or(0, |pid| pid.value() as u32));
+                    }
+                    _ => left.living += 1,
+                }
+                CallbackProgression::Continue
+            });
+        }
+        left.dead_pids.sort_unstable();
+        left.dead_pids.dedup();
+        Ok(left)
+    }
+
+    fn wait_for_lock(&self, file: File) -> Result<File, DomainError> {
+        let deadline = Instant::now() + Duration::from_secs(1);
+        while flock(&file, FlockOperation::NonBlockingLockExclusive).is_err() {
+            if Instant::now() > deadline {
+                return Err(DomainError::Locked {
+                    what: format!("the lock '{}'", self.root.join(MAKING_LOCK).display()),
+                    holder: fs::read_to_string(self.root.join(MAKING_LOCK)).unwrap_or_default(),
+                    remedy: "it should last milliseconds: look at that process".into(),
+                });
+            }
+            std::thread::sleep(Duration::from_millis(2));
+        }
+        Ok(file)
+    }
+
     /// The domain's files in /dev/shm.
     ///
     /// # Errors
@@ -425,6 +485,29 @@ impl Domain {
             .map(|file| (file, writable))
             .chain(self.segments()?.into_iter().map(|file| (file, unreadable)))
             .collect())
+    }
+}
+
+/// What is in a domain that should not be.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct Leftovers {
+    /// Services and segments whose maker died before they were finished.
+    pub half_made: Vec<PathBuf>,
+    /// Dead processes whose nodes are still there; 0 for an unknown one.
+    pub dead_pids: Vec<u32>,
+    /// Claims of instances whose services are dead.
+    pub dead_claims: Vec<PathBuf>,
+    /// Nodes of living processes; not counted while anything is half-made.
+    pub living: usize,
+    /// Services, segments and locks, of the living and the dead.
+    pub files: usize,
+}
+
+impl Leftovers {
+    /// Whether all there is belongs to living processes.
+    pub fn is_clean(&self) -> bool {
+        let none = self.half_made.is_empty() && self.dead_pids.is_empty() && self.dead_claims.is_empty();
+        none && (self.living > 0 || self.files == 0)
     }
 }
 
@@ -577,6 +660,20 @@ mod tests {
     }
 
     #[test]
+    fn leftovers_are_what_no_living_process_holds() {
+        let (directory, domain) = temporary();
+        assert_eq!(domain.leftovers().unwrap(), Leftovers::default());
+        assert_eq!(fs::read_dir(directory.path()).unwrap().count(), 0, "looking makes nothing");
+        let claim = domain.claim_instance("vehicle").unwrap();
+        let held = domain.leftovers().unwrap();
+        assert_eq!((held.dead_claims.len(), held.files), (0, 2));
+        drop(claim);
+        let left = domain.leftovers().unwrap();
+        assert_eq!(left.dead_claims, [directory.path().join("vehicle.claim")]);
+        assert!(!left.is_clean());
+    }
+
+    #[test]
     fn only_the_domains_own_files_are_removed() {
         let (directory, domain) = temporary();
         let precious = directory.path().join("logs");
@@ -618,6 +715,10 @@ mod tests {
         let segment = |name: &str| Path::new(SEGMENTS).join(format!("{}{name}", domain.prefix));
         let half_made = [write(service("a"), 0o600), write(segment("a"), 0o200)];
         let finished = [write(service("b"), 0o400), write(segment("b"), 0o600)];
+        // Looking removes nothing.
+        let mut found = domain.leftovers().unwrap();
+        found.half_made.sort_by_key(|file| !file.starts_with(directory.path()));
+        assert_eq!((found.half_made.as_slice(), found.is_clean()), (&half_made[..], false));
         let lock = domain.lock_for_making().unwrap();
         assert_eq!(lock.half_made_files_removed(), 2);
         assert!(half_made.iter().all(|file| !file.exists()));

@@ -140,6 +140,24 @@ pub(super) const KEYS: &[(&str, &str)] = &[
         "solver.truncation",
         "Local: an update ends where the kernel falls below this multiple of its largest value; 0 never cuts (Wendland kernels end by themselves).",
     ),
+    (
+        "real_time",
+        "What the loop asks of the system, with priority = 1 … 98 and cores = [2] too; what is refused is said, and done without (daemon doctor).",
+    ),
+    (
+        "real_time.priority",
+        "SCHED_FIFO with this priority, 1 … 98, for the loop's thread alone; absent: scheduled like any other.",
+    ),
+    (
+        "real_time.cores",
+        "Cores of the loop's thread, as [2]; the service's other threads stay off them. Absent: all.",
+    ),
+    ("real_time.lock_memory", "Lock all memory, so that none is swapped out or mapped late."),
+    (
+        "real_time.awake_cores",
+        "No core of the machine enters an idle state that takes time to leave; costs power.",
+    ),
+    ("real_time.required", "Refuse to start when something of this is refused (as --require-real-time)."),
     ("translation", "Position, velocity and unknown force from measured velocity."),
     ("translation.mass_kg", "Nominal mass; under water with the added mass."),
     (

@@ -15,9 +15,11 @@ use std::path::Path;
 
 mod keys;
 mod linear;
+mod real_time;
 
 use keys::{KEYS, comment, key_of};
 pub use linear::{LinearConfig, SquareMatrix};
+pub use real_time::RealTimeConfig;
 
 /// An output is held for this many of its sample periods; then its channel coasts.
 const HOLD_PERIODS: f64 = 1.5;
@@ -109,6 +111,9 @@ pub struct Config {
     /// What is written down, so that nothing learned is lost.
     #[serde(default)]
     pub snapshot: SnapshotConfig,
+    /// What the loop asks of the system.
+    #[serde(default)]
+    pub real_time: RealTimeConfig,
     /// The translation channel.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub translation: Option<TranslationConfig>,
@@ -787,6 +792,7 @@ impl ConfigFile {
                 return Err(self.wrong(key, &rate.to_string(), "0.01 … 10000 (in Hz)"));
             }
         }
+        self.check_real_time()?;
         self.check_memory(free_memory_bytes())
     }
 

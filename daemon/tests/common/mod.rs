@@ -66,7 +66,10 @@ pub struct Daemon {
 
 impl Daemon {
     pub fn start(domain: &TestDomain, arguments: &[&str]) -> Self {
-        let mut command = daemon_command(domain, &[&["run"], arguments].concat());
+        Self::spawn(daemon_command(domain, &[&["run"], arguments].concat()))
+    }
+
+    pub fn spawn(mut command: Command) -> Self {
         Self { child: command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap() }
     }
 
@@ -98,6 +101,39 @@ impl Drop for Daemon {
     fn drop(&mut self) {
         let _ = self.child.kill();
         let _ = self.child.wait();
+    }
+}
+
+/// A user without any rights, as whom root can run a program.
+const NOBODY: u32 = 65_534;
+
+/// `daemon` for a user without rights: where the tests run as root, a copy of the program, run as nobody.
+pub struct Unprivileged {
+    pub domain: TestDomain,
+    program: Option<tempfile::TempDir>,
+}
+
+impl Unprivileged {
+    pub fn new() -> Self {
+        let domain = TestDomain::new();
+        if !rustix::process::geteuid().is_root() {
+            return Self { domain, program: None };
+        }
+        let directory = tempfile::tempdir().unwrap();
+        let open = std::os::unix::fs::PermissionsExt::from_mode(0o755);
+        std::fs::set_permissions(directory.path(), open).unwrap();
+        std::fs::copy(env!("CARGO_BIN_EXE_daemon"), directory.path().join("daemon")).unwrap();
+        std::os::unix::fs::chown(domain.root(), Some(NOBODY), Some(NOBODY)).unwrap();
+        Self { domain, program: Some(directory) }
+    }
+
+    pub fn command(&self, arguments: &[&str]) -> Command {
+        let Some(directory) = &self.program else { return daemon_command(&self.domain, arguments) };
+        let mut command = Command::new(directory.path().join("daemon"));
+        std::os::unix::process::CommandExt::uid(&mut command, NOBODY);
+        std::os::unix::process::CommandExt::gid(&mut command, NOBODY);
+        command.args(arguments).arg("--root").arg(self.domain.root()).current_dir("/");
+        command
     }
 }
 

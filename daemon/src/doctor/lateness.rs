@@ -1,0 +1,147 @@
+//! How late a thread wakes up, by what it asks of the system. All modes take turns, so that what else runs on
+//! the machine hits them alike; each turn is a thread of its own, with whose end its settings are gone.
+
+use super::Plan;
+use crate::attendant::Latency;
+use crate::config::RealTimeConfig;
+use crate::cycle::{skip_missed, wait_for_deadline};
+use crate::realtime::{settings, stay_on_cores};
+use serde::Serialize;
+use shared_types::LatencySummary;
+use shared_types::clock::monotonic_ns;
+
+/// Turns into which the measurement of each mode is divided.
+const TURNS: u32 = 4;
+
+/// What the waiting thread asks for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub(super) enum Mode {
+    Ordinary,
+    PunctualTimers,
+    Fifo,
+    AwakeCores,
+    LockedMemory,
+    Everything,
+    OrdinarySpin,
+    EverythingSpin,
+}
+
+impl Mode {
+    const ALL: [Self; 8] = [
+        Self::Ordinary,
+        Self::PunctualTimers,
+        Self::Fifo,
+        Self::AwakeCores,
+        Self::LockedMemory,
+        Self::Everything,
+        Self::OrdinarySpin,
+        Self::EverythingSpin,
+    ];
+
+    pub(super) fn words(self, spin_us: f64, priority: u8) -> String {
+        match self {
+            Self::Ordinary => "ordinary thread".into(),
+            Self::PunctualTimers => "with punctual timers".into(),
+            Self::Fifo => format!("and SCHED_FIFO {priority}"),
+            Self::AwakeCores => "punctual, cores kept awake".into(),
+            Self::LockedMemory => "punctual, memory locked".into(),
+            Self::Everything => "all of these".into(),
+            Self::OrdinarySpin => format!("ordinary thread, spin {spin_us:.0} µs"),
+            Self::EverythingSpin => format!("all of these, spin {spin_us:.0} µs"),
+        }
+    }
+
+    fn spins(self) -> bool {
+        matches!(self, Self::OrdinarySpin | Self::EverythingSpin)
+    }
+
+    fn asks_for_nothing(self) -> bool {
+        matches!(self, Self::Ordinary | Self::OrdinarySpin)
+    }
+
+    fn asked(self, plan: &Plan) -> RealTimeConfig {
+        let all = matches!(self, Self::Everything | Self::EverythingSpin);
+        RealTimeConfig {
+            priority: (all || self == Self::Fifo).then_some(plan.priority),
+            cores: None,
+            lock_memory: all || self == Self::LockedMemory,
+            awake_cores: all || self == Self::AwakeCores,
+            required: false,
+        }
+    }
+}
+
+/// One mode's figures.
+#[derive(Debug, Serialize)]
+pub(super) struct LatenessRow {
+    pub(super) mode: Mode,
+    pub(super) lateness_ns: Option<LatencySummary>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    lateness_ns_reason: Option<String>,
+}
+
+fn wakes_per_turn(plan: &Plan) -> u32 {
+    (plan.seconds * plan.rate_hz / f64::from(TURNS)).ceil() as u32
+}
+
+/// How long [`measure`] takes (s).
+pub(super) fn seconds(plan: &Plan) -> f64 {
+    f64::from(wakes_per_turn(plan) * TURNS) / plan.rate_hz * Mode::ALL.len() as f64
+}
+
+/// Measures every mode.
+pub(super) fn measure(plan: &Plan) -> Vec<LatenessRow> {
+    let mut found = Mode::ALL.map(|mode| (mode, Latency::new(), None::<String>));
+    let n_wakes = wakes_per_turn(plan);
+    for _ in 0..TURNS {
+        for (mode, latency, refused) in &mut found {
+            if refused.is_some() {
+                continue;
+            }
+            let (mode, plan) = (*mode, plan.clone());
+            let turn = std::thread::spawn(move || turn(mode, &plan, n_wakes)).join();
+            match turn {
+                Ok(Ok(lateness_ns)) => {
+                    lateness_ns.into_iter().for_each(|late_ns| latency.note(Some(late_ns)))
+                }
+                Ok(Err(reason)) => *refused = Some(reason),
+                Err(_) => *refused = Some("the measuring thread ended by itself".into()),
+            }
+        }
+    }
+    let row = |(mode, latency, refused): (Mode, Latency, Option<String>)| LatenessRow {
+        mode,
+        lateness_ns: refused.is_none().then(|| latency.summary()),
+        lateness_ns_reason: refused,
+    };
+    found.into_iter().map(row).collect()
+}
+
+/// Lateness of each wake-up of one turn (ns), or why the mode cannot be measured.
+fn turn(mode: Mode, plan: &Plan, n_wakes: u32) -> Result<Vec<u64>, String> {
+    let mut held = settings::Held::default();
+    if let Some(cores) = &plan.cores {
+        // All modes on the cores that the loop would have.
+        stay_on_cores(cores).map_err(|refused| refused.to_string())?;
+    }
+    if !mode.asks_for_nothing() {
+        let (outcome, granted) = settings::apply(&mode.asked(plan));
+        held = granted;
+        if !outcome.refused.is_empty() {
+            let refused: Vec<_> = outcome.refused.iter().map(|(_, refused)| refused.to_string()).collect();
+            return Err(refused.join("; "));
+        }
+    }
+    let spin_ns = if mode.spins() { (plan.spin_us * 1e3) as u64 } else { 0 };
+    let period_ns = (1e9 / plan.rate_hz) as u64;
+    // Touched, so that no page is mapped between two deadlines.
+    let mut lateness_ns = vec![1; n_wakes as usize];
+    let mut deadline_ns = monotonic_ns() + period_ns;
+    for late_ns in &mut lateness_ns {
+        *late_ns = wait_for_deadline(deadline_ns, spin_ns).wake_ns - deadline_ns;
+        skip_missed(&mut deadline_ns, monotonic_ns(), period_ns);
+    }
+    drop(held);
+    Ok(lateness_ns)
+}
