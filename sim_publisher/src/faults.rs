@@ -111,7 +111,8 @@ impl Faults {
             if !fault.fault.span.contains_ns(t_ns) {
                 continue;
             }
-            match fault.fault.kind {
+            let kind = fault.fault.kind;
+            match kind {
                 Kind::ClockJump { by_s } => {
                     clock_error_ns += (by_s * 1e9) as i64;
                     fault.samples += 1;
@@ -122,9 +123,9 @@ impl Faults {
                         (self.blocked_until_ns, self.blocked_by) = (at_ns, i);
                     }
                 }
-                Kind::Reorder { every } if self.overtaken.is_none() => {
-                    waits |= fault.is_one_in(every);
-                    fault.samples += u64::from(waits);
+                Kind::Reorder { every } if fault.is_one_in(every) && self.overtaken.is_none() => {
+                    waits = true;
+                    fault.samples += 1;
                 }
                 Kind::Duplicate { every } if fault.is_one_in(every) => {
                     copies += 1;

@@ -7,7 +7,7 @@
 //!
 //! A worker says on its stdout when it starts to publish, and at its end what it did: one JSON document a line.
 
-use crate::faults::{Fault, Kind};
+use crate::faults::{Fault, Kind, Reach};
 use crate::publish::Published;
 use rustix::process::{Pid, Signal, kill_process, set_parent_process_death_signal};
 use serde::{Deserialize, Serialize};
@@ -92,25 +92,35 @@ fn nanoseconds(s: f64) -> u64 {
     (s * 1e9).round() as u64
 }
 
+/// What is done to a process.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Step {
+pub enum Step {
+    /// SIGSTOP.
     Stop,
+    /// SIGCONT.
     GoOn,
+    /// SIGKILL.
     Kill,
-    /// After the kill of this fault.
+    /// It is started again.
     Start {
+        /// After the kill of this fault.
         fault: usize,
     },
 }
 
-/// What is to be done when, in the order of time.
-fn steps(faults: &[Fault]) -> Vec<(u64, Step)> {
+/// What these faults do to the source's or the service's process: when, after the run's start (ns), in the order of time.
+pub fn steps(faults: &[Fault], process: Reach) -> Vec<(u64, Step)> {
     let mut steps = Vec::new();
     for (i, fault) in faults.iter().enumerate() {
         let (start_ns, end_ns) = (nanoseconds(fault.span.start_s), nanoseconds(fault.span.end_s()));
+        if fault.kind.reach() != process {
+            continue;
+        }
         match fault.kind {
-            Kind::Stop => steps.extend([(start_ns, Step::Stop), (end_ns, Step::GoOn)]),
-            Kind::Kill => steps.extend([(start_ns, Step::Kill), (end_ns, Step::Start { fault: i })]),
+            Kind::Stop | Kind::ServiceStop => steps.extend([(start_ns, Step::Stop), (end_ns, Step::GoOn)]),
+            Kind::Kill | Kind::ServiceKill => {
+                steps.extend([(start_ns, Step::Kill), (end_ns, Step::Start { fault: i })]);
+            }
             _ => {}
         }
     }
@@ -131,7 +141,7 @@ pub fn supervise(
     let mut worker = Worker::start(arguments, None)?;
     let mut missed = vec![0; faults.len()];
     let mut start_ns = None;
-    let mut steps = steps(faults).into_iter().peekable();
+    let mut steps = steps(faults, Reach::Source).into_iter().peekable();
     let mut after_kill = None;
     let mut asked_to_end = false;
     let (mut published, mut tallies) = loop {
@@ -253,8 +263,10 @@ mod tests {
 
     #[test]
     fn steps_are_in_the_order_of_time() {
-        let faults = read_faults(&["kill@5:1; burst@1:1; stop@2:3; stop@6:0.5".into()]).unwrap();
-        let seconds: Vec<_> = steps(&faults).into_iter().map(|(ns, step)| (ns as f64 * 1e-9, step)).collect();
+        let faults =
+            read_faults(&["kill@5:1; burst@1:1; stop@2:3; stop@6:0.5; service-stop@1:1".into()]).unwrap();
+        let seconds: Vec<_> =
+            steps(&faults, Reach::Source).into_iter().map(|(ns, step)| (ns as f64 * 1e-9, step)).collect();
         let expected = [
             (2.0, Step::Stop),
             (5.0, Step::GoOn),
