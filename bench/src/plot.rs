@@ -65,7 +65,7 @@ pub struct Shade {
     pub from: f64,
     /// Where it ends.
     pub to: f64,
-    /// Its name, set above it in the first panel.
+    /// Its name, set below it in the first panel's margin.
     pub label: String,
 }
 
@@ -779,12 +779,13 @@ impl<'a> Figure<'a> {
         Ok(())
     }
 
-    /// On top of the curves, so that they can be read.
+    /// In the gap below the first panel; inside of it where there is no other panel, and so no gap.
     fn paint_names_of_shades<B: DrawingBackend>(&self, canvas: &Canvas<B>) -> anyhow::Result<()> {
         let Some(first) = self.plots.first() else { return Ok(()) };
+        let baseline = if self.plots.len() > 1 { first.bottom + 12.0 } else { first.bottom - 8.0 };
         for shade in self.shades {
             let Some((left, right)) = self.ends(shade) else { continue };
-            let place = (0.5 * (left + right), first.top + 14.0);
+            let place = (0.5 * (left + right), baseline);
             canvas.text(&shade.label, place, TICK_SIZE, HPos::Center, Turn::Upright)?;
         }
         Ok(())
