@@ -10,7 +10,6 @@ use crate::sensors::Outage;
 use crate::simulation::{DEFAULT_RATE_HZ, Simulation, SimulationError, SimulationOptions};
 use crate::supervise::{self, Message, SuperviseError, Supervised, supervise};
 use clap::{Args, Parser, Subcommand};
-use shared_types::clock::monotonic_ns;
 use shared_types::service::ServiceError;
 use shared_types::{ClientError, Domain, DomainError};
 use shared_types::{logln, outln};
@@ -126,6 +125,9 @@ struct RunArgs {
     /// The start of the run that this worker continues
     #[arg(long, hide = true, requires = "worker")]
     resumed_start_ns: Option<u64>,
+    /// Since when, after the start, nobody published
+    #[arg(long, hide = true, default_value_t = u64::MAX)]
+    dead_since_ns: u64,
     #[command(flatten)]
     target: TargetArgs,
 }
@@ -262,7 +264,7 @@ fn run(args: &RunArgs) -> Result<(), Failure> {
         let until = args.duration.map_or("until Ctrl-C".into(), |duration_s| format!("for {duration_s} s"));
         let what = format!("scenario '{name}' at {rate_hz} Hz, seed {seed}, {until}");
         let published = match args.worker {
-            true => work(args, &faults, &mut source, &what)?,
+            true => work(args, &mut source, &what)?,
             false => publish_source(&args.target, &what, &mut source, Pace::live(), |_| ())?,
         };
         (published, source.tallies())
@@ -296,26 +298,18 @@ fn run(args: &RunArgs) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Publishes as a worker: tells the supervisor when it starts, and how many samples nobody sent since the last kill.
-fn work(
-    args: &RunArgs,
-    faults: &[Fault],
-    source: impl Iterator<Item = Outgoing>,
-    what: &str,
-) -> Result<Published, Failure> {
+/// Publishes as a worker: tells the supervisor when it starts, and how many samples nobody sent since the last worker died.
+fn work(args: &RunArgs, source: impl Iterator<Item = Outgoing>, what: &str) -> Result<Published, Failure> {
     supervise::end_with_supervisor();
     let pace = Pace { resumed_start_ns: args.resumed_start_ns, ..Pace::live() };
-    let killed_ns = pace
-        .resumed_start_ns
-        .and_then(|start_ns| supervise::last_kill_ns(faults, monotonic_ns().saturating_sub(start_ns)));
     let sent_before = Cell::new(0);
     let counted = source.inspect(|outgoing| {
-        let before = outgoing.delivery.is_some() && killed_ns.is_some_and(|kill_ns| outgoing.at_ns < kill_ns);
+        let before = outgoing.delivery.is_some() && outgoing.at_ns < args.dead_since_ns;
         sent_before.set(sent_before.get() + u64::from(before));
     });
     publish_source(&args.target, what, counted, pace, |published| {
         let &Published { start_stamp_ns, samples_skipped, .. } = published;
-        let samples_missed = samples_skipped - sent_before.get();
+        let samples_missed = samples_skipped.saturating_sub(sent_before.get());
         outln!("{}", line(&Message::Started { start_stamp_ns, samples_missed }));
     })
 }

@@ -30,7 +30,7 @@ pub enum Message {
     Started {
         /// CLOCK_MONOTONIC of the run's start (ns).
         start_stamp_ns: u64,
-        /// Samples that were due between the last kill and now: nobody sent them.
+        /// Samples that were due since the last worker died: nobody sent them.
         samples_missed: u64,
     },
     /// It is done.
@@ -80,12 +80,6 @@ pub fn is_needed(faults: &[Fault]) -> bool {
 pub fn end_with_supervisor() {
     // Best effort: without it, a killed supervisor leaves a vehicle behind that publishes on.
     let _ = set_parent_process_death_signal(Some(Signal::KILL));
-}
-
-/// When the kill that a worker of a run was started after happened, after the run's start (ns).
-pub fn last_kill_ns(faults: &[Fault], since_start_ns: u64) -> Option<u64> {
-    let kills = faults.iter().filter(|fault| fault.kind == Kind::Kill);
-    kills.map(|kill| nanoseconds(kill.span.start_s)).filter(|&at_ns| at_ns <= since_start_ns).max()
 }
 
 fn nanoseconds(s: f64) -> u64 {
@@ -142,18 +136,23 @@ pub fn supervise(
     let mut missed = vec![0; faults.len()];
     let mut start_ns = None;
     let mut steps = steps(faults, Reach::Source).into_iter().peekable();
-    let mut after_kill = None;
+    // The kill since which nobody publishes, and when it was, after the run's start.
+    let mut dead_since: Option<(usize, u64)> = None;
     let mut asked_to_end = false;
     let (mut published, mut tallies) = loop {
         match worker.messages.try_recv() {
             Ok(Message::Started { start_stamp_ns, samples_missed }) => {
                 start_ns = Some(start_stamp_ns);
-                if let Some(fault) = after_kill {
+                if let Some((fault, _)) = dead_since.take() {
                     missed[fault] = samples_missed;
                 }
                 continue;
             }
             Ok(Message::Ended { published, tallies }) => break (published, tallies),
+            // It was asked before it could listen: what it would have counted is not known.
+            Err(TryRecvError::Disconnected) if asked_to_end => {
+                break (Published { stopped: true, ..Published::default() }, missed.clone());
+            }
             Err(TryRecvError::Disconnected) => {
                 let status = worker.process.wait().map_err(failed("wait for"))?;
                 return Err(SuperviseError::Ended(status.code().unwrap_or(1)));
@@ -175,14 +174,15 @@ pub fn supervise(
                 Step::Kill => {
                     worker.process.kill().map_err(failed("kill"))?;
                     worker.process.wait().map_err(failed("wait for"))?;
+                    let killed_ns = at_ns - start_ns;
                     let Some((at_ns, Step::Start { fault })) = steps.next() else {
                         unreachable!("a kill is followed by a start: faults of one process do not overlap")
                     };
                     while monotonic_ns() < start_ns + at_ns && !stop.load(Ordering::Relaxed) {
                         std::thread::sleep(Duration::from_nanos(LOOK_EVERY_NS));
                     }
-                    after_kill = Some(fault);
-                    worker = Worker::start(arguments, Some(start_ns))?;
+                    let (_, since_ns) = *dead_since.get_or_insert((fault, killed_ns));
+                    worker = Worker::start(arguments, Some((start_ns, since_ns)))?;
                 }
                 Step::Start { .. } => {}
             },
@@ -194,8 +194,9 @@ pub fn supervise(
     };
     worker.process.wait().map_err(failed("wait for"))?;
     // The last worker went through the whole run: what it skipped, others had sent, but for what they missed.
-    published.samples_published += published.samples_skipped - missed.iter().sum::<u64>();
-    published.samples_skipped = missed.iter().sum();
+    let missed_in_all: u64 = missed.iter().sum();
+    published.samples_published += published.samples_skipped.saturating_sub(missed_in_all);
+    published.samples_skipped = missed_in_all;
     for (i, fault) in faults.iter().enumerate() {
         if fault.kind == Kind::Kill {
             tallies[i] = missed[i];
@@ -210,12 +211,14 @@ struct Worker {
 }
 
 impl Worker {
-    fn start(arguments: &[OsString], resumed_start_ns: Option<u64>) -> Result<Self, SuperviseError> {
+    /// `resumed` is the start of the run that it continues, and since when after that nobody published.
+    fn start(arguments: &[OsString], resumed: Option<(u64, u64)>) -> Result<Self, SuperviseError> {
         let program = std::env::current_exe().map_err(failed("find the program of"))?;
         let mut command = Command::new(program);
         command.args(arguments).arg("--worker");
-        if let Some(start_ns) = resumed_start_ns {
+        if let Some((start_ns, dead_since_ns)) = resumed {
             command.arg("--resumed-start-ns").arg(start_ns.to_string());
+            command.arg("--dead-since-ns").arg(dead_since_ns.to_string());
         }
         let mut process = command.stdout(Stdio::piped()).spawn().map_err(failed("start"))?;
         let output = BufReader::new(process.stdout.take().expect("it is piped"));
@@ -277,8 +280,6 @@ mod tests {
         ];
         assert_eq!(seconds, expected);
         assert!(is_needed(&faults) && !is_needed(&faults[1..2]));
-        assert_eq!(last_kill_ns(&faults, 4_999_999_999), None);
-        assert_eq!(last_kill_ns(&faults, 6_100_000_000), Some(5_000_000_000));
     }
 
     #[test]
