@@ -174,16 +174,12 @@ const KINDS: [Words; 16] = [
     words("nan", "nan@5:0.5,field=attitude", "one sample in every [1] is not a number"),
     words("bias", "bias@5:1,size=0.5", "a constant error of this size"),
     words("drift", "drift@5:2,per_s=0.3", "an error that grows by per_s every second"),
-    words("delay", "delay@5:1,by_s=0.1", "samples arrive later by this (s), in order, with true stamps"),
+    words("delay", "delay@5:1,by_s=0.1", "samples arrive later by this (s), with true stamps"),
     words("reorder", "reorder@5:1,every=4", "one sample in every [2] changes places with the next one"),
     words("duplicate", "duplicate@5:1", "one sample in every [1] is sent twice"),
     words("clock-jump", "clock-jump@5:1,by_s=-2", "stamps lie ahead of the truth by this (s), or behind"),
     words("stop", "stop@5:1", "the publishing process is stopped (SIGSTOP), then goes on"),
-    words(
-        "kill",
-        "kill@5:1",
-        "the publishing process is killed (SIGKILL), then started again; the vehicle flies on",
-    ),
+    words("kill", "kill@5:1", "the publishing process is killed (SIGKILL), started again"),
     words("service-stop", "service-stop@5:1", "the service's process is stopped, then goes on (bench demo)"),
     words(
         "service-kill",
@@ -195,15 +191,17 @@ const KINDS: [Words; 16] = [
 /// What `--help` says about faults.
 pub fn help() -> String {
     let mut text = String::from(
-        "Faults: KIND@START:LENGTH[,field=FIELD][,key=value …], times in s after the start; several with ';', or the\n\
-         option again; or a TOML file of tables [[fault]] with keys kind, start_s, length_s and those below:\n",
+        "Faults: KIND@START:LENGTH[,field=FIELD][,key=value …], times in s after the start; several\n\
+         with ';' or the option again; or a TOML file of tables [[fault]] with the keys kind, start_s,\n\
+         length_s and those below:\n",
     );
     for Words { example, does, .. } in &KINDS {
         text.push_str(&format!("  {example:<31} {does}\n"));
     }
     text.push_str(
-        "FIELD: velocity, angular-velocity, position, attitude or all [default: all; of spike, bias and drift: velocity].\n\
-         Sizes are norms in the field's unit: m/s, rad/s, m, rad. Numbers in [] are defaults.",
+        "FIELD: velocity, angular-velocity, position, attitude or all [default: all; of spike, bias\n\
+         and drift: velocity]. size and per_s are norms in the field's unit, m/s, rad/s, m or rad (per\n\
+         second); numbers in [] are defaults.",
     );
     text
 }
