@@ -330,9 +330,9 @@ mod tests {
             250 => 0.2,
             _ => 0.01,
         };
-        let curve: Curve = (0..400).map(|i| (f64::from(i) * 0.01, error(i))).collect();
+        let curve: Curve = (0..400).map(|i| (f64::from(i) / 100.0, error(i))).collect();
         assert_eq!(back_at(&curve, 0.015, 2.0, 4.0), Some(2.51));
-        assert_eq!(back_at(&curve, 0.1, 2.0, 4.0), Some(2.3));
+        assert_eq!(back_at(&curve, 0.05, 2.0, 4.0), Some(2.3));
         assert_eq!(back_at(&curve, 0.015, 2.0, 2.9), None, "the window does not fit");
         assert_eq!(back_at(&curve, 0.005, 2.0, 4.0), None);
         assert!((rms(between(&curve, 0.0, 0.5)).unwrap() - 0.01).abs() < 1e-12);
