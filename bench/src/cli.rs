@@ -5,6 +5,7 @@ use clap::{Parser, Subcommand};
 use daemon::config::ConfigError;
 use rustix::process::{Signal, set_parent_process_death_signal};
 use shared_types::logln;
+use sim_publisher::faults::FaultError;
 use std::ffi::OsString;
 use std::process::ExitCode;
 
@@ -23,9 +24,7 @@ struct Arguments {
 enum Task {
     /// The main job in one command: service and simulated vehicle as two processes, live progress, then a
     /// table and a plot.
-    #[command(
-        after_help = "Examples:\n  bench demo\n  bench demo --scenario auv --duration 60 --outage 40:3"
-    )]
+    #[command(after_help = demo::after_help())]
     Demo(demo::DemoArguments),
     /// Latency of a whole step as the number of kernel centers grows.
     #[command(after_help = "Example: bench step --centers 27,125,343 --plot step.png")]
@@ -107,7 +106,8 @@ fn finish(done: anyhow::Result<()>) -> ExitCode {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
             logln!("bench: {error:#}");
-            let is_usage = error.is::<ConfigError>() || error.is::<paper::UsageError>();
+            let is_usage =
+                error.is::<ConfigError>() || error.is::<paper::UsageError>() || error.is::<FaultError>();
             ExitCode::from(if is_usage { 2 } else { 1 })
         }
     }

@@ -58,6 +58,17 @@ pub struct Panel {
     pub log_y: bool,
 }
 
+/// A stretch of the x axis in which something was different.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Shade {
+    /// Where it begins.
+    pub from: f64,
+    /// Where it ends.
+    pub to: f64,
+    /// Its name, set below it in the first panel's margin.
+    pub label: String,
+}
+
 /// Writes the figure as `path_without_extension` + `.svg` and + `.png`, and returns the two paths.
 ///
 /// # Errors
@@ -68,7 +79,22 @@ pub fn draw(
     x_label: &str,
     panels: &[Panel],
 ) -> anyhow::Result<Vec<PathBuf>> {
-    both(path_without_extension, &Figure::new(&SCREEN, title, x_label, panels)?)
+    draw_shaded(path_without_extension, title, x_label, panels, &[])
+}
+
+/// As [`draw`], with these stretches shaded in all panels.
+///
+/// # Errors
+/// As [`draw_to`].
+pub fn draw_shaded(
+    path_without_extension: &Path,
+    title: &str,
+    x_label: &str,
+    panels: &[Panel],
+    shades: &[Shade],
+) -> anyhow::Result<Vec<PathBuf>> {
+    let figure = Figure { shades, ..Figure::new(&SCREEN, title, x_label, panels)? };
+    both(path_without_extension, &figure)
 }
 
 /// As [`draw`], but 8.5 cm wide, one column of a printed page, with text of 7 points and without a title: a paper
@@ -202,6 +228,7 @@ const DASHES_PER_LINE: f64 = 500.0;
 /// Lines of no more points than this show where they are.
 const MARKED_POINTS: usize = 30;
 
+const SHADE: RGBColor = RGBColor(250, 230, 205);
 const INK: RGBColor = RGBColor(30, 30, 30);
 const FRAME: RGBColor = RGBColor(90, 90, 90);
 const GRID: RGBColor = RGBColor(224, 224, 224);
@@ -535,6 +562,7 @@ struct Figure<'a> {
     left: f64,
     height: f64,
     plots: Vec<Plot<'a>>,
+    shades: &'a [Shade],
 }
 
 /// One panel laid out.
@@ -636,7 +664,7 @@ impl<'a> Figure<'a> {
             cursor = plot.bottom + PANEL_GAP;
         }
         let height = (cursor - PANEL_GAP + 50.0).ceil();
-        Ok(Self { page, title, x_label, x, left, height, plots })
+        Ok(Self { page, title, x_label, x, left, height, plots, shades: &[] })
     }
 
     fn right(&self) -> f64 {
@@ -712,11 +740,13 @@ impl<'a> Figure<'a> {
         canvas.text(self.title, (middle, 21.0), TITLE_SIZE, HPos::Center, Turn::Upright)?;
         let x_ticks = self.x.ticks(self.page.x_ticks);
         for plot in &self.plots {
+            self.paint_shades(canvas, plot)?;
             self.paint_grid(canvas, plot, &x_ticks)?;
             self.paint_lines(canvas, plot)?;
             self.paint_frame(canvas, plot, &x_ticks)?;
             self.paint_legend(canvas, plot)?;
         }
+        self.paint_names_of_shades(canvas)?;
         let bottom = self.plots.last().map_or(0.0, |plot| plot.bottom);
         for (value, label) in &x_ticks.major {
             canvas.text(label, (self.at_x(*value), bottom + 17.0), TICK_SIZE, HPos::Center, Turn::Upright)?;
@@ -731,6 +761,34 @@ impl<'a> Figure<'a> {
 
     fn at_x(&self, value: f64) -> f64 {
         self.left + self.x.position(value) * (self.right() - self.left)
+    }
+
+    /// Left and right end of a shade within the frame; `None` outside of it.
+    fn ends(&self, shade: &Shade) -> Option<(f64, f64)> {
+        let (left, right) = (self.at_x(shade.from).max(self.left), self.at_x(shade.to).min(self.right()));
+        // The shortest is still seen.
+        (left <= right).then(|| (left, right.max(left + 1.5).min(self.right())))
+    }
+
+    fn paint_shades<B: DrawingBackend>(&self, canvas: &Canvas<B>, plot: &Plot) -> anyhow::Result<()> {
+        for (left, right) in self.shades.iter().filter_map(|shade| self.ends(shade)) {
+            let corners = [(left, plot.top), (right, plot.top), (right, plot.bottom), (left, plot.bottom)];
+            let area = Polygon::new(corners.map(|corner| canvas.pixel(corner)), SHADE.filled());
+            canvas.area.draw(&area).map_err(|error| anyhow!("{error}"))?;
+        }
+        Ok(())
+    }
+
+    /// In the gap below the first panel; inside of it where there is no other panel, and so no gap.
+    fn paint_names_of_shades<B: DrawingBackend>(&self, canvas: &Canvas<B>) -> anyhow::Result<()> {
+        let Some(first) = self.plots.first() else { return Ok(()) };
+        let baseline = if self.plots.len() > 1 { first.bottom + 12.0 } else { first.bottom - 8.0 };
+        for shade in self.shades {
+            let Some((left, right)) = self.ends(shade) else { continue };
+            let place = (0.5 * (left + right), baseline);
+            canvas.text(&shade.label, place, TICK_SIZE, HPos::Center, Turn::Upright)?;
+        }
+        Ok(())
     }
 
     fn paint_grid<B: DrawingBackend>(
@@ -1087,6 +1145,25 @@ mod tests {
         assert!((all / 2..all * 99 / 100).contains(&count(RGBColor(255, 255, 255))));
         for color in [INK, TRUTH, ESTIMATES[0], COMPARISONS[0]] {
             assert!(count(color) > 100, "{color:?}: {}", count(color));
+        }
+    }
+
+    #[test]
+    fn a_shade_covers_its_stretch_and_no_more() {
+        let panels = flight();
+        let shades = [Shade { from: 5.0, to: 10.0, label: "1".into() }];
+        let figure = Figure { shades: &shades, ..Figure::new(&SCREEN, "", "time (s)", &panels).unwrap() };
+        let ((width, _), pixels) = figure.raster().unwrap();
+        let scale = f64::from(SCREEN.png_scale);
+        for plot in &figure.plots {
+            // Just above the frame's bottom, where no curve is: the axis has a margin.
+            let row = ((plot.bottom - 3.0) * scale) as usize;
+            for (x, shaded) in [(4.9, false), (5.1, true), (9.9, true), (10.1, false), (15.1, false)] {
+                let column = (figure.at_x(x) * scale) as usize;
+                let pixel = 3 * (row * width as usize + column);
+                let color = RGBColor(pixels[pixel], pixels[pixel + 1], pixels[pixel + 2]);
+                assert_eq!(color, if shaded { SHADE } else { RGBColor(255, 255, 255) }, "at {x}");
+            }
         }
     }
 

@@ -1,15 +1,20 @@
 //! The program: arguments, checked; a source of samples; publication; one line about it.
 
-use crate::publish::{Outgoing, Published, connect, publish};
+use crate::faults::{
+    Fault, FaultError, Faults, Faulty, Reach, Tally, check_faults, help as fault_help, read_faults,
+};
+use crate::publish::{Outgoing, Pace, Published, connect, publish};
 use crate::replay::{CsvMap, Format, ImportError, read_flight};
 use crate::scenario::Scenario;
 use crate::sensors::Outage;
 use crate::simulation::{DEFAULT_RATE_HZ, Simulation, SimulationError, SimulationOptions};
+use crate::supervise::{self, Message, SuperviseError, Supervised, supervise};
 use clap::{Args, Parser, Subcommand};
 use shared_types::service::ServiceError;
 use shared_types::{ClientError, Domain, DomainError};
 use shared_types::{logln, outln};
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
+use std::cell::Cell;
 use std::ffi::OsString;
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -40,11 +45,12 @@ struct Cli {
 #[derive(Debug, Subcommand)]
 enum Command {
     /// Simulates a vehicle with its sensors and faults
-    #[command(after_help = "\
+    #[command(after_help = format!("{}\n\n\
 Examples:
   sim_publisher run --scenario translation --duration 60
   sim_publisher run --scenario rigid-body --rate-hz 400 --jitter-us 300 --seed 7
-  sim_publisher run --scenario rigid-body --outage 10:0.5 --outage 20:1 --json")]
+  sim_publisher run --scenario rigid-body --outage 10:0.5 --outage 20:1 --json
+  sim_publisher run --scenario rigid-body --duration 20 --faults 'spike@5:2,size=3,every=10; kill@12:1'", fault_help()))]
     Run(RunArgs),
     /// Plays a recorded flight
     #[command(after_help = "\
@@ -102,7 +108,7 @@ struct RunArgs {
     #[arg(long, value_name = "P", default_value_t = 0.0)]
     dropout_probability: f64,
     /// No sample arrives from START for LENGTH seconds; may be repeated
-    #[arg(long, value_name = "START:LENGTH", value_parser = parse_outage)]
+    #[arg(long, value_name = "START:LENGTH", value_parser = Outage::parse)]
     outage: Vec<Outage>,
     /// Rate of noisy position fixes [default: only the start is known]
     #[arg(long, value_name = "HZ")]
@@ -110,6 +116,18 @@ struct RunArgs {
     /// No gusts, no variation of the current
     #[arg(long)]
     calm: bool,
+    /// Faults at stated times, see below, or a file of them; may be repeated
+    #[arg(long, value_name = "SPEC|FILE")]
+    faults: Vec<String>,
+    /// This process publishes for a supervisor, which stops and kills it
+    #[arg(long, hide = true)]
+    worker: bool,
+    /// The start of the run that this worker continues
+    #[arg(long, hide = true, requires = "worker")]
+    resumed_start_ns: Option<u64>,
+    /// Since when, after the start, nobody published
+    #[arg(long, hide = true, default_value_t = u64::MAX)]
+    dead_since_ns: u64,
     #[command(flatten)]
     target: TargetArgs,
 }
@@ -143,6 +161,10 @@ enum Failure {
     #[error(transparent)]
     Simulation(#[from] SimulationError),
     #[error(transparent)]
+    Faults(#[from] FaultError),
+    #[error(transparent)]
+    Supervise(#[from] SuperviseError),
+    #[error(transparent)]
     Import(#[from] ImportError),
     #[error(transparent)]
     Domain(#[from] DomainError),
@@ -158,17 +180,12 @@ impl Failure {
     fn exit_code(&self) -> u8 {
         match self {
             Self::Client(ClientError::Service(ServiceError::InstanceName(_))) => 2,
-            Self::Client(_) | Self::Signals(_) => 1,
-            Self::Simulation(_) | Self::Import(_) | Self::Domain(_) | Self::Usage(_) => 2,
+            // The worker's own: it said why.
+            Self::Supervise(SuperviseError::Ended(code)) => u8::try_from(*code).unwrap_or(1),
+            Self::Client(_) | Self::Signals(_) | Self::Supervise(_) => 1,
+            Self::Simulation(_) | Self::Faults(_) | Self::Import(_) | Self::Domain(_) | Self::Usage(_) => 2,
         }
     }
-}
-
-fn parse_outage(text: &str) -> Result<Outage, String> {
-    let needed = || format!("'{text}': needed: START:LENGTH in s, for example 30:2.5");
-    let (start, length) = text.split_once(':').ok_or_else(needed)?;
-    let number = |text: &str| text.trim().parse::<f64>().map_err(|_| needed());
-    Ok(Outage { start_s: number(start)?, length_s: number(length)? })
 }
 
 fn parse_axes(text: &str) -> Result<[f64; 3], String> {
@@ -220,17 +237,85 @@ fn options(args: &RunArgs) -> SimulationOptions {
     }
 }
 
+/// The faults of a run, which can be those of this process and of its samples.
+fn faults(args: &RunArgs, options: &SimulationOptions) -> Result<Vec<Fault>, Failure> {
+    let faults = read_faults(&args.faults)?;
+    check_faults(&faults, options)?;
+    match faults.iter().find(|fault| fault.kind.reach() == Reach::Service) {
+        Some(fault) => Err(Failure::Usage(format!(
+            "fault '{fault}': the service is not this program's; needed: bench demo --faults '{fault}'"
+        ))),
+        None => Ok(faults),
+    }
+}
+
 fn run(args: &RunArgs) -> Result<(), Failure> {
-    let simulation = Simulation::new(&options(args))?;
+    let options = options(args);
+    let simulation = Simulation::new(&options)?;
+    let faults = faults(args, &options)?;
     let (name, rate_hz, seed) = (args.scenario.name(), args.rate_hz, args.seed);
-    let until = args.duration.map_or("until Ctrl-C".into(), |duration_s| format!("for {duration_s} s"));
-    let what = format!("scenario '{name}' at {rate_hz} Hz, seed {seed}, {until}");
-    let Some(published) = publish_source(&args.target, &what, simulation.map(Outgoing::from), 1.0)? else {
-        return Ok(());
+    let (published, tallies) = if supervise::is_needed(&faults) && !args.worker {
+        let arguments: Vec<OsString> = std::env::args_os().skip(1).collect();
+        let Supervised { published, tallies } = supervise(&arguments, &faults, &*stop_flag()?)?;
+        let tally = |(&fault, samples)| Tally { fault, samples };
+        (published, faults.iter().zip(tallies).map(tally).collect())
+    } else {
+        let mut source = Faulty::new(simulation, Faults::new(&faults, seed));
+        let until = args.duration.map_or("until Ctrl-C".into(), |duration_s| format!("for {duration_s} s"));
+        let what = format!("scenario '{name}' at {rate_hz} Hz, seed {seed}, {until}");
+        let published = match args.worker {
+            true => work(args, &mut source, &what)?,
+            false => publish_source(&args.target, &what, &mut source, Pace::live(), |_| ())?,
+        };
+        (published, source.tallies())
     };
-    let details = [("scenario", name.into()), ("rate_hz", rate_hz.into()), ("seed", seed.into())];
+    if args.worker {
+        let tallies = tallies.iter().map(|tally| tally.samples).collect();
+        outln!("{}", line(&Message::Ended { published, tallies }));
+        return Ok(());
+    }
+    let fault = |Tally { fault, samples }: &Tally| {
+        serde_json::json!({
+            "fault": fault.to_string(),
+            "kind": fault.kind.name(),
+            "start_s": fault.span.start_s,
+            "length_s": fault.span.length_s,
+            "samples": samples,
+        })
+    };
+    let details = [
+        ("scenario", name.into()),
+        ("rate_hz", rate_hz.into()),
+        ("seed", seed.into()),
+        ("faults", tallies.iter().map(fault).collect()),
+    ];
     report(&args.target, &published, details);
+    if !args.target.json {
+        for Tally { fault, samples } in &tallies {
+            outln!("  {fault}: {samples} samples");
+        }
+    }
     Ok(())
+}
+
+/// Publishes as a worker: tells the supervisor when it starts, and how many samples nobody sent since the last worker died.
+fn work(args: &RunArgs, source: impl Iterator<Item = Outgoing>, what: &str) -> Result<Published, Failure> {
+    supervise::end_with_supervisor();
+    let pace = Pace { resumed_start_ns: args.resumed_start_ns, ..Pace::live() };
+    let sent_before = Cell::new(0);
+    let counted = source.inspect(|outgoing| {
+        let before = outgoing.delivery.is_some() && outgoing.at_ns < args.dead_since_ns;
+        sent_before.set(sent_before.get() + u64::from(before));
+    });
+    publish_source(&args.target, what, counted, pace, |published| {
+        let &Published { start_stamp_ns, samples_skipped, .. } = published;
+        let samples_missed = samples_skipped.saturating_sub(sent_before.get());
+        outln!("{}", line(&Message::Started { start_stamp_ns, samples_missed }));
+    })
+}
+
+fn line(message: &Message) -> String {
+    serde_json::to_string(message).expect("numbers and names")
 }
 
 fn replay(args: &ReplayArgs) -> Result<(), Failure> {
@@ -278,30 +363,36 @@ fn replay(args: &ReplayArgs) -> Result<(), Failure> {
     );
     let skipped_rows = flight.skipped_rows();
     let source = flight.samples.into_iter().map(Outgoing::from);
-    let Some(published) = publish_source(&args.target, &what, source, args.speed)? else {
-        return Ok(());
-    };
+    let pace = Pace { speed: args.speed, ..Pace::live() };
+    let published = publish_source(&args.target, &what, source, pace, |_| ())?;
     let details =
         [("file", file.into()), ("speed", args.speed.into()), ("rows_skipped", skipped_rows.into())];
     report(&args.target, &published, details);
     Ok(())
 }
 
-/// Waits for the service and publishes; `None` where a stop came before the service, and has been reported.
-fn publish_source(
-    target: &TargetArgs,
-    what: &str,
-    source: impl Iterator<Item = Outgoing>,
-    speed: f64,
-) -> Result<Option<Published>, Failure> {
-    let domain = match &target.root {
-        Some(root) => Domain::at(root)?,
-        None => Domain::of_user()?,
-    };
+/// Set by Ctrl-C and its like, from now on.
+fn stop_flag() -> Result<Arc<AtomicBool>, Failure> {
     let stop = Arc::new(AtomicBool::new(false));
     for signal in [SIGINT, SIGTERM, SIGHUP] {
         signal_hook::flag::register(signal, Arc::clone(&stop))?;
     }
+    Ok(stop)
+}
+
+/// Waits for the service and publishes; nothing where a stop came before the service.
+fn publish_source(
+    target: &TargetArgs,
+    what: &str,
+    source: impl Iterator<Item = Outgoing>,
+    pace: Pace,
+    started: impl FnOnce(&Published),
+) -> Result<Published, Failure> {
+    let domain = match &target.root {
+        Some(root) => Domain::at(root)?,
+        None => Domain::of_user()?,
+    };
+    let stop = stop_flag()?;
     let (instance, root) = (&target.instance, domain.root().display());
     let client = connect(&domain, instance, &stop, || {
         logln!(
@@ -311,16 +402,15 @@ fn publish_source(
     })?;
     let Some(client) = client else {
         logln!("stopped before the service of instance '{instance}' was there; nothing was published");
-        report(target, &Published { stopped: true, ..Published::default() }, []);
         domain.remove_if_unused()?;
-        return Ok(None);
+        return Ok(Published { stopped: true, ..Published::default() });
     };
     logln!("publishing to instance '{instance}' in {root}: {what}");
-    let published = publish(&client, source, speed, &stop)?;
+    let published = publish(&client, source, pace, &stop, started)?;
     drop(client);
     // The last one of a domain leaves nothing behind; while the service runs this does nothing.
     domain.remove_if_unused()?;
-    Ok(Some(published))
+    Ok(published)
 }
 
 fn report<const N: usize>(
@@ -421,6 +511,10 @@ mod tests {
             "sim_publisher run --scenario rigid-body --rate-hz 1",
             "sim_publisher run --scenario rotation --velocity-noise-m-s 0.1",
             "sim_publisher run --scenario auv --root relative",
+            "sim_publisher run --scenario rigid-body --faults spiek@1:1",
+            "sim_publisher run --scenario rigid-body --faults service-kill@1:1",
+            "sim_publisher run --scenario rotation --faults bias@1:1,size=1",
+            "sim_publisher run --scenario rigid-body --duration 5 --faults stop@5:1",
             "sim_publisher replay --format acsl /no/such.log",
             "sim_publisher replay --format acsl /no/such.log --column time_s=t",
             "sim_publisher replay --format csv /no/such.csv --speed 0",

@@ -7,9 +7,11 @@
 //! | [`scenario`] | four vehicles: the paper's two examples, a quadcopter, an underwater vehicle |
 //! | [`disturbance`] | coloured noise: gusts, the variation of a current |
 //! | [`sensors`] | what is measured of the truth, when, how badly, and which samples never arrive |
+//! | [`faults`] | what goes wrong on purpose, and when: a pure stage between samples and publication |
 //! | [`simulation`] | all of them together: an iterator over samples, without clock or files |
 //! | [`replay`] | recorded flights as samples |
 //! | [`publish`] | samples into shared memory, each at its own stamp |
+//! | [`supervise`] | the publishing process stopped, killed and started again, on purpose |
 //! | [`cli`] | the program |
 //!
 //! Nothing here uses the observer's model or integrator, so that the two cannot flatter each other.
@@ -28,12 +30,14 @@
 
 pub mod cli;
 pub mod disturbance;
+pub mod faults;
 pub mod plant;
 pub mod publish;
 pub mod replay;
 pub mod scenario;
 pub mod sensors;
 pub mod simulation;
+pub mod supervise;
 
 pub use cli::main_with_args;
 pub use replay::{CsvMap, Format, ImportError, RecordedFlight, parse_flight, read_flight};

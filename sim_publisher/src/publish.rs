@@ -4,6 +4,8 @@
 //! what is published is repeatable but for its start. A sample is published at its stamp or, where this
 //! process was late, after it; never before.
 
+use crate::faults::Delivery;
+use serde::{Deserialize, Serialize};
 use shared_types::client::{MeasurementPublisher, TruthPublisher};
 use shared_types::clock::{monotonic_ns, sleep_until_ns};
 use shared_types::{Client, ClientError, Domain, Measurement, Truth};
@@ -23,33 +25,61 @@ const LONGEST_SLEEP_NS: u64 = 50_000_000;
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Outgoing {
     /// The instant (ns).
-    pub stamp_ns: u64,
+    pub at_ns: u64,
     /// The true state, of a simulation.
     pub truth: Option<Truth>,
-    /// The sample; `None` where it is lost on purpose.
-    pub measurement: Option<Measurement>,
+    /// The sample that is sent, if any.
+    pub delivery: Option<Delivery>,
+    /// Whether a sample of this instant is lost on purpose.
+    pub is_lost: bool,
 }
 
-impl From<crate::SimulatedSample> for Outgoing {
-    fn from(sample: crate::SimulatedSample) -> Self {
-        let crate::SimulatedSample { measurement, truth } = sample;
-        Self { stamp_ns: truth.stamp_ns, truth: Some(truth), measurement }
+impl From<Delivery> for Outgoing {
+    fn from(delivery: Delivery) -> Self {
+        Self { at_ns: delivery.at_ns, truth: None, delivery: Some(delivery), is_lost: false }
     }
 }
 
 impl From<Measurement> for Outgoing {
     fn from(measurement: Measurement) -> Self {
-        Self { stamp_ns: measurement.stamp_ns, truth: None, measurement: Some(measurement) }
+        Delivery { at_ns: measurement.stamp_ns, measurement, clock_error_ns: 0 }.into()
+    }
+}
+
+impl From<crate::SimulatedSample> for Outgoing {
+    fn from(sample: crate::SimulatedSample) -> Self {
+        let crate::SimulatedSample { measurement, truth } = sample;
+        let delivery = measurement.and_then(|measurement| Self::from(measurement).delivery);
+        Self { at_ns: truth.stamp_ns, truth: Some(truth), delivery, is_lost: measurement.is_none() }
+    }
+}
+
+/// How the source's time runs on the wall.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Pace {
+    /// How many times faster than its stamps.
+    pub speed: f64,
+    /// CLOCK_MONOTONIC of a start in the past (ns), of a run that another process began: what was due until now is
+    /// skipped. `None` starts now.
+    pub resumed_start_ns: Option<u64>,
+}
+
+impl Pace {
+    /// As fast as the stamps, from now on.
+    pub fn live() -> Self {
+        Self { speed: 1.0, resumed_start_ns: None }
     }
 }
 
 /// What was published.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Published {
     /// CLOCK_MONOTONIC of the start (ns): stamp 0 of the source.
     pub start_stamp_ns: u64,
     /// Samples sent.
     pub samples_published: u64,
+    /// Samples that were due before this process could send, of a run that another one began.
+    pub samples_skipped: u64,
     /// Samples lost on purpose.
     pub samples_dropped: u64,
     /// Samples sent more than 1 ms after their deadline.
@@ -92,7 +122,8 @@ pub fn connect(
     Ok(None)
 }
 
-/// Publishes everything of `source` at `start + stamp / speed`, until it ends or `stop` is set.
+/// Publishes everything of `source` at `start + instant / speed`, until it ends or `stop` is set. `started` is told the
+/// start, and how many samples were skipped, just before the first one.
 ///
 /// Every payload carries `start + its own stamp` whatever the speed. The truth goes out just before the
 /// measurement of the same instant, and alone where that sample is lost.
@@ -102,8 +133,9 @@ pub fn connect(
 pub fn publish(
     client: &Client,
     source: impl Iterator<Item = Outgoing>,
-    speed: f64,
+    pace: Pace,
     stop: &AtomicBool,
+    started: impl FnOnce(&Published),
 ) -> Result<Published, ClientError> {
     let mut source = source.peekable();
     let has_truth = source.peek().is_some_and(|first| first.truth.is_some());
@@ -113,10 +145,16 @@ pub fn publish(
     };
     wait_until(monotonic_ns() + SETTLING_NS, &ports, stop)?;
 
-    let start_stamp_ns = monotonic_ns() + LEAD_NS;
+    let ready_ns = monotonic_ns() + LEAD_NS;
+    let start_stamp_ns = pace.resumed_start_ns.unwrap_or(ready_ns);
+    let deadline_ns = |at_ns: u64| start_stamp_ns + scaled(at_ns, pace.speed);
     let mut published = Published { start_stamp_ns, ..Published::default() };
+    while let Some(overdue) = source.next_if(|outgoing| deadline_ns(outgoing.at_ns) < ready_ns) {
+        published.skip(&overdue);
+    }
+    started(&published);
     for outgoing in source {
-        let deadline_ns = start_stamp_ns + scaled(outgoing.stamp_ns, speed);
+        let deadline_ns = deadline_ns(outgoing.at_ns);
         if !wait_until(deadline_ns, &ports, stop)? {
             published.stopped = true;
             break;
@@ -142,10 +180,11 @@ impl Ports {
         if let (Some(port), Some(truth)) = (&self.truths, outgoing.truth) {
             port.publish(&Truth { stamp_ns: start_stamp_ns + truth.stamp_ns, ..truth })?;
         }
-        match outgoing.measurement {
-            Some(sample) => {
-                let stamp_ns = start_stamp_ns + sample.stamp_ns;
-                self.measurements.publish(&Measurement { stamp_ns, ..sample })?;
+        match outgoing.delivery {
+            Some(Delivery { measurement, clock_error_ns, .. }) => {
+                let true_stamp_ns = start_stamp_ns + measurement.stamp_ns;
+                let stamp_ns = true_stamp_ns.saturating_add_signed(clock_error_ns);
+                self.measurements.publish(&Measurement { stamp_ns, ..measurement })?;
             }
             None => self.measurements.update_connections()?,
         }
@@ -155,14 +194,19 @@ impl Ports {
 
 impl Published {
     fn count(&mut self, outgoing: &Outgoing, lateness_ns: u64) {
-        if outgoing.measurement.is_some() {
+        if outgoing.delivery.is_some() {
             self.samples_published += 1;
             self.samples_late += u64::from(lateness_ns > LATE_NS);
             self.largest_lateness_ns = self.largest_lateness_ns.max(lateness_ns);
-        } else {
-            self.samples_dropped += 1;
         }
-        self.duration_ns = outgoing.stamp_ns;
+        self.samples_dropped += u64::from(outgoing.is_lost);
+        self.duration_ns = outgoing.at_ns;
+    }
+
+    fn skip(&mut self, overdue: &Outgoing) {
+        self.samples_skipped += u64::from(overdue.delivery.is_some());
+        self.samples_dropped += u64::from(overdue.is_lost);
+        self.duration_ns = overdue.at_ns;
     }
 }
 
@@ -233,11 +277,12 @@ mod tests {
                 got_truths.extend(iter::from_fn(|| truths.take().unwrap()));
             };
             let source = Simulation::new(&options).unwrap().map(Outgoing::from);
-            let published = publish(&client, source.inspect(&mut receive), 1.0, &never).unwrap();
+            let published =
+                publish(&client, source.inspect(&mut receive), Pace::live(), &never, |_| ()).unwrap();
             assert_eq!((published.samples_published, published.samples_dropped), (30, 10));
             assert_eq!((published.duration_ns, published.stopped), (195_000_000, false));
             // What was sent last is still there when its source is gone.
-            receive(&Outgoing { stamp_ns: 0, truth: None, measurement: None });
+            receive(&Outgoing { at_ns: 0, truth: None, delivery: None, is_lost: false });
 
             let stamped = |stamp_ns| published.start_stamp_ns + stamp_ns;
             let simulated: Vec<_> = Simulation::new(&options).unwrap().collect();
@@ -261,11 +306,37 @@ mod tests {
                 stamps_ns.extend(iter::from_fn(|| measurements.take().unwrap()).map(|m| m.stamp_ns));
             };
             let source = samples.map(Outgoing::from).inspect(&mut receive);
-            let published = publish(&client, source, 50.0, &never).unwrap();
-            receive(&Outgoing { stamp_ns: 0, truth: None, measurement: None });
+            let pace = Pace { speed: 50.0, ..Pace::live() };
+            let published = publish(&client, source, pace, &never, |_| ()).unwrap();
+            receive(&Outgoing { at_ns: 0, truth: None, delivery: None, is_lost: false });
             assert_eq!(published.duration_ns, 1_900_000_000);
             let expected = (0..20).map(|k| published.start_stamp_ns + k * 100_000_000);
             assert_eq!(stamps_ns, expected.collect::<Vec<_>>());
+        });
+    }
+
+    #[test]
+    fn a_run_that_another_process_began_is_continued_at_its_own_instants() {
+        with_services(|domain| {
+            let never = AtomicBool::new(false);
+            let client = connect(domain, "vehicle", &never, || ()).unwrap().unwrap();
+            let mut measurements = client.measurement_subscriber().unwrap();
+            let samples = (0..60u64).map(|k| Measurement::at(k * 10_000_000, k).with_velocity_m_s([0.0; 3]));
+            let start_ns = monotonic_ns() - 300_000_000;
+            let pace = Pace { resumed_start_ns: Some(start_ns), ..Pace::live() };
+            let (mut skipped, mut sent) = (0, Vec::new());
+            let mut receive = |_: &Outgoing| sent.extend(iter::from_fn(|| measurements.take().unwrap()));
+            let source = samples.map(Outgoing::from).inspect(&mut receive);
+            let published = publish(&client, source, pace, &never, |p| skipped = p.samples_skipped).unwrap();
+            receive(&Outgoing { at_ns: 0, truth: None, delivery: None, is_lost: false });
+            // At least what was due when it was called, and all else is sent with its own stamp.
+            assert!(skipped >= 30, "{skipped} skipped");
+            assert_eq!((published.samples_skipped, published.samples_published), (skipped, 60 - skipped));
+            let expected = (skipped..60).map(|k| (k, start_ns + k * 10_000_000));
+            assert_eq!(
+                sent.iter().map(|m| (m.sequence, m.stamp_ns)).collect::<Vec<_>>(),
+                expected.collect::<Vec<_>>()
+            );
         });
     }
 
@@ -280,7 +351,8 @@ mod tests {
                 // Ports stay on their thread: the publishing side makes its own connection.
                 scope.spawn(|| {
                     let client = connect(domain, "vehicle", &never, || ()).unwrap().unwrap();
-                    publish(&client, samples.map(Outgoing::from), 1.0, &never).unwrap();
+                    let source = samples.map(Outgoing::from);
+                    publish(&client, source, Pace::live(), &never, |_| ()).unwrap();
                 });
                 for _ in 0..50 {
                     let sample = measurements.wait_next(Duration::from_secs(30)).unwrap();
@@ -310,7 +382,7 @@ mod tests {
             let stopping = endless.map(Outgoing::from).inspect(|outgoing| {
                 stop.store(outgoing.truth.unwrap().sequence == 10, Ordering::Relaxed);
             });
-            let published = publish(&client, stopping, 1.0, &stop).unwrap();
+            let published = publish(&client, stopping, Pace::live(), &stop, |_| ()).unwrap();
             assert_eq!((published.samples_published, published.stopped), (10, true));
         });
     }

@@ -12,7 +12,6 @@ use shared_types::Measurement;
 
 /// What a random stream is for.
 #[derive(Debug, Clone, Copy)]
-#[repr(u64)]
 pub(crate) enum Chance {
     Disturbance,
     Velocity,
@@ -21,13 +20,24 @@ pub(crate) enum Chance {
     Attitude,
     Jitter,
     Dropouts,
+    /// The fault of this index.
+    Faults(u64),
 }
 
 impl Chance {
     /// The stream of this purpose, independent of all others of the same seed.
     pub(crate) fn stream(self, seed: u64) -> ChaCha8Rng {
         let mut random = ChaCha8Rng::seed_from_u64(seed);
-        random.set_stream(self as u64);
+        random.set_stream(match self {
+            Self::Disturbance => 0,
+            Self::Velocity => 1,
+            Self::AngularVelocity => 2,
+            Self::Position => 3,
+            Self::Attitude => 4,
+            Self::Jitter => 5,
+            Self::Dropouts => 6,
+            Self::Faults(index) => 7 + index,
+        });
         random
     }
 }
@@ -268,14 +278,51 @@ impl SampleTimes {
     }
 }
 
-/// A time in which no sample arrives.
+/// A stretch of the run, its end excluded.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Outage {
+pub struct Span {
     /// Its start, after the start of the run (s).
     pub start_s: f64,
     /// How long it lasts (s).
     pub length_s: f64,
 }
+
+impl Span {
+    /// Its end, after the start of the run (s).
+    pub fn end_s(&self) -> f64 {
+        self.start_s + self.length_s
+    }
+
+    /// Whether an instant lies in it.
+    pub fn contains(&self, t_s: f64) -> bool {
+        (self.start_s..self.end_s()).contains(&t_s)
+    }
+
+    /// Whether a stamp lies in it, counted from the start of the run.
+    pub fn contains_ns(&self, at_ns: u64) -> bool {
+        // Compared as stamps are made: 1.2 s is sample 240 of 200 Hz, whatever the last bit of 0.2 + 1.0.
+        (stamp_ns(self.start_s)..stamp_ns(self.end_s())).contains(&at_ns)
+    }
+
+    /// Whether they share an instant.
+    pub fn overlaps(&self, other: &Self) -> bool {
+        self.start_s < other.end_s() && other.start_s < self.end_s()
+    }
+
+    /// Reads `START:LENGTH`.
+    ///
+    /// # Errors
+    /// What was found and what is needed.
+    pub fn parse(text: &str) -> Result<Self, String> {
+        let needed = || format!("'{text}': needed: START:LENGTH in s, for example 30:2.5");
+        let (start, length) = text.split_once(':').ok_or_else(needed)?;
+        let number = |text: &str| text.trim().parse::<f64>().map_err(|_| needed());
+        Ok(Self { start_s: number(start)?, length_s: number(length)? })
+    }
+}
+
+/// A time in which no sample arrives.
+pub type Outage = Span;
 
 /// Which samples never arrive.
 #[derive(Debug, Clone)]
@@ -293,8 +340,7 @@ impl Losses {
     /// Whether the sample at `t_s` is lost; asked once for each sample.
     pub(crate) fn loses(&mut self, t_s: f64) -> bool {
         let drops: f64 = self.random.random();
-        drops < self.dropout_probability
-            || self.outages.iter().any(|o| (o.start_s..o.start_s + o.length_s).contains(&t_s))
+        drops < self.dropout_probability || self.outages.iter().any(|outage| outage.contains(t_s))
     }
 }
 
@@ -312,13 +358,15 @@ mod tests {
             Chance::Disturbance.stream(4),
             SampleTimes::new(100.0, 0.0, 4).random,
             Losses::new(0.0, Vec::new(), 4).random,
+            Chance::Faults(0).stream(4),
+            Chance::Faults(1).stream(4),
             sensors.velocity,
             sensors.angular_velocity,
             sensors.position,
             sensors.attitude,
         ];
         let firsts: HashSet<u64> = streams.into_iter().map(|mut stream| stream.random()).collect();
-        assert_eq!(firsts.len(), 7);
+        assert_eq!(firsts.len(), 9);
     }
 
     #[test]

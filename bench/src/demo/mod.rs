@@ -2,8 +2,11 @@
 //!
 //! This process only looks on: it reads measurements, truth and estimates from shared memory like any
 //! other reader. The comparison without adaptation runs the same library on the same samples afterwards.
+//! With `--faults`, things go wrong on purpose: those of samples and of the vehicle's process are carried out by
+//! `sim_publisher`, those of the service's process here.
 
 mod errors;
+mod faults;
 mod report;
 
 use crate::plot;
@@ -12,11 +15,16 @@ use anyhow::{Context, ensure};
 use clap::Args;
 use daemon::config::ConfigFile;
 use errors::{Errors, Run, error_at};
+use faults::FaultReport;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use shared_types::clock::monotonic_ns;
 use shared_types::payload::{Estimate, Status, command, status_bits};
 use shared_types::{Client, Measurement, Truth};
 use shared_types::{logln, outln};
-use sim_publisher::Scenario;
+use sim_publisher::faults::{Fault, Reach, check_faults, help as fault_help, read_faults};
+use sim_publisher::sensors::Span;
+use sim_publisher::supervise::{Step, steps};
+use sim_publisher::{Scenario, Simulation, SimulationOptions};
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
@@ -24,6 +32,15 @@ use std::time::{Duration, Instant};
 const PATIENCE: Duration = Duration::from_secs(10);
 const LOOK_EVERY: Duration = Duration::from_millis(1);
 const PROGRESS_EVERY: Duration = Duration::from_millis(100);
+
+/// What `bench demo --help` ends with.
+pub(crate) fn after_help() -> String {
+    format!(
+        "{}\n\nExamples:\n  bench demo\n  bench demo --scenario auv --duration 60 --outage 40:3\n  \
+         bench demo --faults 'spike@6:2,size=3; kill@11:0.5; service-stop@15:0.5'",
+        fault_help()
+    )
+}
 
 /// Arguments of `bench demo`.
 #[derive(Debug, Args)]
@@ -40,9 +57,12 @@ pub struct DemoArguments {
     /// Seed of all chance in the vehicle and its sensors.
     #[arg(long, default_value_t = 1)]
     seed: u64,
-    /// No sample arrives from START for LENGTH seconds; may be given several times.
-    #[arg(long, value_name = "START:LENGTH")]
-    outage: Vec<String>,
+    /// No sample arrives from START for LENGTH seconds, the fault burst; may be given several times.
+    #[arg(long, value_name = "START:LENGTH", value_parser = Span::parse)]
+    outage: Vec<Span>,
+    /// Faults at stated times, see below, or a file of them; may be given several times.
+    #[arg(long, value_name = "SPEC|FILE")]
+    faults: Vec<String>,
     /// Print one JSON document.
     #[arg(long)]
     json: bool,
@@ -75,11 +95,18 @@ pub fn run(arguments: &DemoArguments) -> anyhow::Result<()> {
     let mut config = ConfigFile::preset(preset)?;
     config.set_rate_hz(arguments.rate_hz.unwrap_or(config.config.rate_hz));
     config.observer()?;
+    let options = SimulationOptions {
+        rate_hz: config.config.rate_hz,
+        duration_s: Some(arguments.duration),
+        seed: arguments.seed,
+        ..SimulationOptions::of(arguments.scenario)
+    };
+    let faults = stated_faults(arguments, &options)?;
     std::fs::create_dir_all(&arguments.out)
         .with_context(|| format!("cannot make the output directory {}", arguments.out.display()))?;
 
     let stop = stop_flag()?;
-    let recording = record(arguments, preset, &config, &stop)?;
+    let mut recording = record(arguments, preset, &config, &faults, &stop)?;
     let unseen = recording.status.samples_accepted.saturating_sub(recording.measurements.len() as u64);
     if unseen > 0 {
         logln!("bench: {unseen} samples were too fast for this process to see: the comparison lacks them");
@@ -87,8 +114,18 @@ pub fn run(arguments: &DemoArguments) -> anyhow::Result<()> {
     if stop.load(Ordering::Relaxed) {
         logln!("bench: stopped; the figures are those of the part that ran");
     }
+    if !faults.is_empty() {
+        recording.truths = whole_truth(&recording, &options)?;
+    }
     let run = Run::new(recording.truths, recording.measurements, recording.estimates)?;
     let without = run.without_adaptation(&config)?;
+    let fault_report = match faults.is_empty() {
+        true => None,
+        false => {
+            let without = faults::without_faults(&run, &options, &config)?;
+            Some(FaultReport::new(&run, &without, &faults, &recording.statuses, &recording.summary)?)
+        }
+    };
     let report = report::Report {
         scenario: arguments.scenario.name(),
         preset,
@@ -98,11 +135,17 @@ pub fn run(arguments: &DemoArguments) -> anyhow::Result<()> {
         status: recording.status,
         with: Errors::over_second_half(&run, &run.estimates),
         without: Errors::over_second_half(&run, &without),
+        faults: fault_report,
     };
     let name = format!("{}-truth-and-estimate", arguments.scenario.name());
     let title = format!("{}: truth and estimate", arguments.scenario.name());
-    let panels = report::panels(&run, &without, arguments.scenario);
-    let plots = plot::draw(&arguments.out.join(name), &title, "time (s)", &panels)?;
+    let mut panels = report::panels(&run, &without, arguments.scenario);
+    let mut shades = Vec::new();
+    if let Some(faults) = &report.faults {
+        panels.insert(0, faults.panel());
+        shades = faults.shades();
+    }
+    let plots = plot::draw_shaded(&arguments.out.join(name), &title, "time (s)", &panels, &shades)?;
     match arguments.json {
         true => outln!("{}", serde_json::to_string_pretty(&report.json(&plots))?),
         false => report.print(&plots),
@@ -110,36 +153,129 @@ pub fn run(arguments: &DemoArguments) -> anyhow::Result<()> {
     Ok(())
 }
 
+/// The faults that were asked for, in the order of time.
+fn stated_faults(arguments: &DemoArguments, options: &SimulationOptions) -> anyhow::Result<Vec<Fault>> {
+    let outage = |&span: &Span| format!("burst@{}:{}", span.start_s, span.length_s);
+    let outages: Vec<String> = arguments.outage.iter().map(outage).collect();
+    let mut faults = read_faults(&[outages.as_slice(), &arguments.faults].concat())?;
+    check_faults(&faults, options)?;
+    faults.sort_by(|a, b| a.span.start_s.total_cmp(&b.span.start_s));
+    Ok(faults)
+}
+
+/// Every true state of the run, those included that a dead process did not publish: the simulation follows from its
+/// options alone. Fails where the two differ.
+fn whole_truth(recording: &Recording, options: &SimulationOptions) -> anyhow::Result<Vec<Truth>> {
+    let start_ns = recording.summary["start_stamp_ns"]
+        .as_u64()
+        .context("the vehicle's summary has no start_stamp_ns")?;
+    let simulated = Simulation::new(options)?.map(|sample| sample.truth);
+    let last_ns =
+        recording.truths.last().context("no true state was seen: the vehicle did not run")?.stamp_ns;
+    let stamped = simulated.map(|truth| Truth { stamp_ns: start_ns + truth.stamp_ns, ..truth });
+    let whole: Vec<Truth> = stamped.take_while(|truth| truth.stamp_ns <= last_ns).collect();
+    for seen in &recording.truths {
+        let same = whole.binary_search_by_key(&seen.stamp_ns, |truth| truth.stamp_ns);
+        ensure!(
+            same.is_ok_and(|i| whole[i] == *seen),
+            "the vehicle's true state {} is not that of the simulation with the same options: \
+             are both programs of the same build?",
+            seen.sequence
+        );
+    }
+    Ok(whole)
+}
+
 /// What was seen in shared memory.
 struct Recording {
     measurements: Vec<Measurement>,
     truths: Vec<Truth>,
     estimates: Vec<Estimate>,
+    statuses: Vec<Status>,
     samples_sent: u64,
+    /// What the vehicle says it did.
+    summary: serde_json::Value,
+    /// The last.
     status: Status,
+}
+
+/// The service's process, which faults stop and kill; `None` while it is dead.
+struct Service<'a> {
+    domain: &'a OwnDomain,
+    arguments: &'a [&'a str],
+    process: Option<Child>,
+    stopped: bool,
+}
+
+impl<'a> Service<'a> {
+    fn start(domain: &'a OwnDomain, arguments: &'a [&'a str]) -> anyhow::Result<Self> {
+        Ok(Self { domain, arguments, process: Some(Child::start(domain, arguments)?), stopped: false })
+    }
+
+    fn log(&self) -> String {
+        self.process.as_ref().map_or("the service is dead".into(), Child::log)
+    }
+
+    fn take(&mut self, step: Step) -> anyhow::Result<()> {
+        match (step, &self.process) {
+            (Step::Stop, Some(process)) => {
+                process.pause()?;
+                self.stopped = true;
+            }
+            (Step::GoOn, Some(process)) => {
+                process.go_on()?;
+                self.stopped = false;
+            }
+            // A child that is let go of is killed.
+            (Step::Kill, _) => self.process = None,
+            (Step::Start { .. }, None) => self.process = Some(Child::start(self.domain, self.arguments)?),
+            _ => {}
+        }
+        Ok(())
+    }
+
+    /// Whatever a fault left of it: it runs afterwards.
+    fn revive(&mut self) -> anyhow::Result<()> {
+        if self.stopped {
+            self.take(Step::GoOn)?;
+        }
+        self.take(Step::Start { fault: 0 })
+    }
+
+    fn finish(self) -> anyhow::Result<()> {
+        let Some(process) = self.process else { return Ok(()) };
+        process.terminate();
+        process.finish()?;
+        Ok(())
+    }
 }
 
 fn record(
     arguments: &DemoArguments,
     preset: &str,
     config: &ConfigFile,
+    faults: &[Fault],
     stop: &AtomicBool,
 ) -> anyhow::Result<Recording> {
     let domain = OwnDomain::new("demo")?;
     let rate_hz = config.config.rate_hz.to_string();
-    let daemon = Child::start(&domain, &["daemon", "run", "--preset", preset, "--rate-hz", &rate_hz])?;
+    let service = ["daemon", "run", "--preset", preset, "--rate-hz", &rate_hz];
+    let mut service = Service::start(&domain, &service)?;
     let client = Client::connect(domain.domain(), "vehicle", PATIENCE)
-        .or_else(|error| Err(error).with_context(|| daemon.log()))?;
+        .or_else(|error| Err(error).with_context(|| service.log()))?;
     let mut measured = client.measurement_subscriber()?;
     let mut true_states = client.truth_subscriber()?;
     let mut estimated = client.estimate_subscriber()?;
+    let mut statuses = client.status_subscriber()?;
 
     let (duration, seed) = (arguments.duration.to_string(), arguments.seed.to_string());
     let scenario = arguments.scenario.name();
     let mut vehicle = vec!["sim_publisher", "run", "--scenario", scenario, "--duration", &duration];
     vehicle.extend(["--rate-hz", &rate_hz, "--seed", &seed, "--json"]);
-    for outage in &arguments.outage {
-        vehicle.extend(["--outage", outage]);
+    let of_vehicle = faults.iter().filter(|fault| fault.kind.reach() != Reach::Service);
+    let of_vehicle: Vec<String> = of_vehicle.map(Fault::to_string).collect();
+    for fault in &of_vehicle {
+        vehicle.extend(["--faults", fault]);
     }
     let mut vehicle = Child::start(&domain, &vehicle)?;
 
@@ -147,9 +283,12 @@ fn record(
         measurements: Vec::new(),
         truths: Vec::new(),
         estimates: Vec::new(),
+        statuses: Vec::new(),
         samples_sent: 0,
+        summary: serde_json::Value::Null,
         status: Status::default(),
     };
+    let mut steps = steps(faults, Reach::Service).into_iter().peekable();
     let progress = Progress::new(arguments.duration);
     let mut ended: Option<Instant> = None;
     loop {
@@ -162,7 +301,17 @@ fn record(
         while let Some(estimate) = estimated.take()? {
             recording.estimates.push(estimate);
         }
-        progress.show(&recording);
+        while let Some(status) = statuses.take()? {
+            recording.statuses.push(status);
+        }
+        let since_start_ns =
+            recording.truths.first().map(|first| monotonic_ns().saturating_sub(first.stamp_ns));
+        while let Some((_, step)) =
+            steps.next_if(|&(at_ns, _)| since_start_ns.is_some_and(|now| now >= at_ns))
+        {
+            service.take(step)?;
+        }
+        progress.show(&recording, faults, since_start_ns);
         if ended.is_none() && vehicle.has_ended()? {
             ended = Some(Instant::now());
         }
@@ -180,10 +329,12 @@ fn record(
         serde_json::from_str(&vehicle.finish()?).context("read the vehicle's summary")?;
     recording.samples_sent =
         summary["samples_published"].as_u64().context("the vehicle's summary has no samples")?;
+    recording.summary = summary;
+    service.revive()?;
     recording.status = client.command(command::STATUS, PATIENCE)?.status;
-    drop((measured, true_states, estimated, client));
-    daemon.terminate();
-    daemon.finish()?;
+    recording.statuses.push(recording.status);
+    drop((measured, true_states, estimated, statuses, client));
+    service.finish()?;
     Ok(recording)
 }
 
@@ -202,7 +353,7 @@ impl Progress {
         Self { bar, last: std::cell::Cell::new(Instant::now()) }
     }
 
-    fn show(&self, recording: &Recording) {
+    fn show(&self, recording: &Recording, faults: &[Fault], since_start_ns: Option<u64>) {
         if self.last.get().elapsed() < PROGRESS_EVERY {
             return;
         }
@@ -211,18 +362,22 @@ impl Progress {
         let same = recording.estimates.iter().rev().find(|estimate| estimate.stamp_ns <= truth.stamp_ns);
         let Some(estimate) = same else { return };
         let Some(error) = error_at(&recording.truths, estimate) else { return };
-        let elapsed_ns = truth.stamp_ns - first.stamp_ns;
+        // A dead vehicle has no newer truth; time goes on.
+        let elapsed_ns = since_start_ns.unwrap_or(truth.stamp_ns - first.stamp_ns);
+        let active = faults.iter().filter(|fault| fault.span.contains_ns(elapsed_ns));
+        let active: Vec<&str> = active.map(|fault| fault.kind.name()).collect();
         self.bar.set_position(elapsed_ns / 1_000_000);
         let learning = if estimate.status & status_bits::ADAPTING != 0 { "learning" } else { "dead zone" };
         let coverage = estimate.translation.power_function.max(estimate.rotation.power_function);
         self.bar.set_message(format!(
-            "{:5.1} s  v {:.3} m/s  w {:.3} rad/s  f {:.2} N  {learning:9}  uncovered {:3.0} %  {:4.0} µs",
+            "{:5.1} s  v {:.3} m/s  w {:.3} rad/s  f {:.2} N  {learning:9}  uncovered {:3.0} %  {:4.0} µs  {}",
             elapsed_ns as f64 / 1e9,
             error.velocity_m_s.unwrap_or(0.0),
             error.angular_velocity_rad_s.unwrap_or(0.0),
             error.force_n.unwrap_or(0.0),
             100.0 * coverage,
             (estimate.publish_stamp_ns - estimate.stamp_ns.min(estimate.publish_stamp_ns)) as f64 / 1e3,
+            active.join(" ").to_uppercase(),
         ));
     }
 

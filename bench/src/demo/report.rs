@@ -1,6 +1,7 @@
 //! What the demo shows at its end: a table, a figure, or one JSON document.
 
 use super::errors::{Errors, RmsMax, Run, quaternion, truth_at};
+use super::faults::FaultReport;
 use crate::plot::{Line, LineStyle, Panel};
 use comfy_table::{Table, presets::UTF8_FULL_CONDENSED};
 use serde_json::{Map, Value, json};
@@ -20,6 +21,7 @@ pub(super) struct Report {
     pub(super) status: Status,
     pub(super) with: Errors,
     pub(super) without: Errors,
+    pub(super) faults: Option<FaultReport>,
 }
 
 type Quantity = (&'static str, &'static str, fn(&Errors) -> Option<RmsMax>);
@@ -85,6 +87,9 @@ impl Report {
             latencies.add_row([name.to_owned(), count.to_string()].into_iter().chain(us));
         }
         outln!("{latencies}\n");
+        if let Some(faults) = &self.faults {
+            faults.print();
+        }
         for plot in plots {
             outln!("{}", plot.display());
         }
@@ -127,6 +132,10 @@ impl Report {
         put("step_ns".into(), quantiles(status.step_ns));
         put("wake_up_lateness_ns".into(), quantiles(status.wake_up_lateness_ns));
         put("source_to_estimate_ns".into(), quantiles(status.source_to_publish_ns));
+        if let Some(faults) = &self.faults {
+            faults.put_json(&mut document);
+        }
+        let mut put = |key: String, value: Value| document.insert(key, value);
         put("plots".into(), plots.iter().map(|plot| plot.display().to_string()).collect());
         Value::Object(document)
     }
