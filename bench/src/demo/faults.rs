@@ -11,7 +11,7 @@ use crate::plot::{Line, LineStyle, Panel, Shade};
 use anyhow::{Context, bail};
 use comfy_table::{Table, presets::UTF8_FULL_CONDENSED};
 use daemon::config::ConfigFile;
-use daemon::cycle::to_payload;
+use daemon::engine::to_payload;
 use daemon::gate::Gate;
 use serde_json::{Map, Value, json};
 use shared_types::outln;
