@@ -153,7 +153,8 @@ impl Faults {
 
     /// The next sample that is due before `before_ns`.
     pub fn take_due(&mut self, before_ns: u64) -> Option<Delivery> {
-        self.queue.pop_front_if(|next| next.at_ns < before_ns)
+        let is_due = self.queue.front().is_some_and(|next| next.at_ns < before_ns);
+        if is_due { self.queue.pop_front() } else { None }
     }
 
     /// No sample follows the one of `last_ns`: nothing waits any more to be overtaken.
@@ -195,25 +196,21 @@ impl Active {
                 self.last.valid |= fields;
             }
             _ if !active => {}
-            Kind::Spike { size, every } => {
-                if self.is_one_in(every) {
-                    let error = size * direction(&mut self.random);
-                    add(fields, &error, sample);
-                    self.samples += 1;
-                }
+            Kind::Spike { size, every } if self.is_one_in(every) => {
+                let error = size * direction(&mut self.random);
+                add(fields, &error, sample);
+                self.samples += 1;
             }
-            Kind::Nan { every } => {
-                if self.is_one_in(every) {
-                    let nothing = Measurement {
-                        velocity_m_s: [f64::NAN; 3],
-                        angular_velocity_rad_s: [f64::NAN; 3],
-                        position_m: [f64::NAN; 3],
-                        attitude_wxyz: [f64::NAN; 4],
-                        ..*sample
-                    };
-                    copy(fields, &nothing, sample);
-                    self.samples += 1;
-                }
+            Kind::Nan { every } if self.is_one_in(every) => {
+                let nothing = Measurement {
+                    velocity_m_s: [f64::NAN; 3],
+                    angular_velocity_rad_s: [f64::NAN; 3],
+                    position_m: [f64::NAN; 3],
+                    attitude_wxyz: [f64::NAN; 4],
+                    ..*sample
+                };
+                copy(fields, &nothing, sample);
+                self.samples += 1;
             }
             Kind::Bias { size } => {
                 add(fields, &(size * self.direction), sample);
