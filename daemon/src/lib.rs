@@ -64,7 +64,10 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, OnceLock, mpsc};
 use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
 
+/// A disk that takes longer at the end is given up: whoever stops a service wants it to stop.
+const WRITERS_PATIENCE: Duration = Duration::from_secs(10);
 /// Tick records on their way to the attendant: a second and more at any usual rate.
 const RECORDS: usize = 8192;
 
@@ -273,8 +276,18 @@ impl Service {
         }
         // The writers end after the loop, which hands over what it has at last.
         self.stop_writers.store(true, Ordering::Relaxed);
+        let deadline = Instant::now() + WRITERS_PATIENCE;
         for thread in self.writer_threads.drain(..) {
-            let _ = thread.join();
+            while !thread.is_finished() && Instant::now() < deadline {
+                std::thread::sleep(Duration::from_millis(2));
+            }
+            match thread.is_finished() {
+                true => drop(thread.join()),
+                false => say!(
+                    "warning: the {} does not come to an end: its disk hangs; what it had not written is lost",
+                    thread.thread().name().unwrap_or("writer")
+                ),
+            }
         }
         // The attendant ends last: its last status covers the last tick.
         self.stop_attendant.store(true, Ordering::Relaxed);

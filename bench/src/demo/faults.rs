@@ -115,6 +115,10 @@ fn counters(status: &Status) -> Vec<(String, u64)> {
         .map(|reason| (format!("rejected_{}", reason.words().replace(' ', "_")), status.rejected(reason)));
     let others = [
         ("samples_lost", status.samples_lost),
+        ("velocities_held_back", status.outputs_held_back[0]),
+        ("angular_velocities_held_back", status.outputs_held_back[1]),
+        ("velocities_stuck", status.outputs_stuck[0]),
+        ("angular_velocities_stuck", status.outputs_stuck[1]),
         ("ticks_coasting", status.ticks_coasting),
         ("ticks_clamped", status.ticks_clamped),
         ("state_resets", status.state_resets),
