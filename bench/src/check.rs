@@ -1,6 +1,6 @@
 //! `bench replay --check`: a flight record, replayed and compared estimate by estimate.
 
-use anyhow::{Context, bail};
+use anyhow::{Context, bail, ensure};
 use comfy_table::{Table, presets::UTF8_FULL_CONDENSED};
 use daemon::record::{self, Reader, SessionReport};
 use serde::Serialize;
@@ -21,7 +21,8 @@ pub(crate) fn run(file: &Path, json: bool) -> anyhow::Result<()> {
     let name = file.display().to_string();
     let mut reader = Reader::open(file).with_context(|| name.clone())?;
     let sessions = record::check(&mut reader).with_context(|| name.clone())?;
-    let same = sessions.iter().all(|session| session.difference.is_none());
+    let n_same: u64 = sessions.iter().map(|session| session.ticks_same).sum();
+    let same = n_same > 0 && sessions.iter().all(|session| session.difference.is_none());
     let document = Document { file: name, same, torn_bytes: reader.torn_bytes(), sessions };
     match json {
         true => outln!("{}", serde_json::to_string_pretty(&document)?),
@@ -29,7 +30,10 @@ pub(crate) fn run(file: &Path, json: bool) -> anyhow::Result<()> {
     }
     let here = observer::vector_unit();
     let first = document.sessions.iter().find_map(|session| Some((session, session.difference.as_ref()?)));
-    let Some((session, difference)) = first else { return Ok(()) };
+    let Some((session, difference)) = first else {
+        ensure!(same, "no tick could be compared");
+        return Ok(());
+    };
     if session.vector_unit != here {
         logln!(
             "bench: recorded with {}, replayed with {here}: the last bits differ between the two",
@@ -73,6 +77,6 @@ fn print(document: &Document) {
     }
     outln!("{table}");
     if document.torn_bytes > 0 {
-        outln!("{} bytes are torn: the end of a session that was killed", document.torn_bytes);
+        outln!("{} bytes are torn: what a kill or a failed write left of a frame", document.torn_bytes);
     }
 }

@@ -21,7 +21,7 @@ const STATUS_EVERY: Duration = Duration::from_millis(200);
 /// A loop that has not carried out a command after this long is stuck, and the operator is told so.
 const LOOP_PATIENCE: Duration = Duration::from_secs(2);
 /// A disk may be slow, and a million centers are read in parts.
-const SAVE_PATIENCE: Duration = Duration::from_secs(15);
+const SAVE_PATIENCE: Duration = Duration::from_secs(120);
 
 /// The wait-free rings between the attendant thread and the loop, and what the writers tell.
 pub struct AttendantRings {
@@ -232,7 +232,10 @@ impl Attendant {
             }
             std::thread::sleep(Duration::from_millis(1));
         }
-        let message = format!("the loop did not answer within {} s: it is stuck", LOOP_PATIENCE.as_secs());
+        let message = format!(
+            "the loop did not answer within {} s: it is stuck; should it go on, it carries this out",
+            LOOP_PATIENCE.as_secs()
+        );
         Reply::new(outcome::REFUSED, &message, self.status())
     }
 
@@ -286,8 +289,8 @@ impl Attendant {
         }
         if record.other_source.is_some() && record.other_source != self.logged.other_source {
             if let Some(pid) = record.other_source.and_then(|source| self.ports.source_pid(source)) {
-                eprintln!(
-                    "daemon: process {pid} publishes too and is refused; stop one of the two (input.source decides who wins)"
+                say!(
+                    "process {pid} publishes too and is refused; stop one of the two (input.source decides who wins)"
                 );
             }
             self.logged.other_source = record.other_source;
@@ -305,10 +308,7 @@ impl Attendant {
         self.log_doubts();
         if counters.state_resets != self.logged.state_resets {
             self.logged.state_resets = counters.state_resets;
-            eprintln!(
-                "daemon: the state left its limits and was put back to the last good one ({} times)",
-                counters.state_resets
-            );
+            say!("warning: the state left its limits and fell back ({} times)", counters.state_resets);
         }
     }
 }

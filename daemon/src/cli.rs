@@ -6,7 +6,7 @@
 use crate::config::{ConfigError, ConfigFile, PRESETS};
 use crate::realtime::settings::{self, OffTheLoop};
 use crate::snapshot::{Snapshot, SnapshotError};
-use crate::{Service, ServiceFiles, StartError, check, doctor, say, service_manager};
+use crate::{Service, ServiceFiles, StartError, check, doctor, say, service_manager, snapshot};
 use anyhow::Context;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use comfy_table::{Table, presets::NOTHING};
@@ -15,8 +15,6 @@ use shared_types::payload::{LatencySummary, Rejection, Status, command, outcome,
 use shared_types::{Client, ClientError, Domain, DomainError};
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 use std::ffi::OsString;
-use std::fs::DirBuilder;
-use std::os::unix::fs::DirBuilderExt;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::Arc;
@@ -137,17 +135,14 @@ struct FileArguments {
 impl FileArguments {
     fn files(&self) -> anyhow::Result<ServiceFiles> {
         let state = match &self.state {
-            Some(none) if none.as_os_str() == "none" => None,
+            Some(none) if none.as_os_str() == "none" || none.as_os_str().is_empty() => None,
             Some(directory) => Some(directory.clone()),
             None => default_state_directory(),
         };
         match &state {
             None => say!("no snapshots: what is learned lives as long as the service (--state DIR keeps it)"),
-            Some(directory) => {
-                DirBuilder::new().recursive(true).mode(0o700).create(directory).with_context(|| {
-                    format!("make the directory of the snapshots '{}'", directory.display())
-                })?
-            }
+            Some(directory) => snapshot::make_directory(directory)
+                .with_context(|| format!("the directory of the snapshots '{}'", directory.display()))?,
         }
         Ok(ServiceFiles { state, is_fresh: self.fresh, record: self.record.clone() })
     }

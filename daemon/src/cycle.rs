@@ -70,6 +70,8 @@ pub struct Cycle {
     rings: LoopRings,
     /// Ticks in a row that ended after their next deadline.
     late_ticks_in_a_row: u64,
+    /// As the engine said last.
+    n_forgotten: u64,
     record: Option<TickRecord>,
 }
 
@@ -85,7 +87,7 @@ pub struct WakeUp {
 impl Cycle {
     /// A cycle that goes on with this engine.
     pub fn new(engine: Engine, ports: LoopPorts, rings: LoopRings) -> Self {
-        Self { ports, taken: None, engine, rings, late_ticks_in_a_row: 0, record: None }
+        Self { ports, taken: None, engine, rings, late_ticks_in_a_row: 0, n_forgotten: 0, record: None }
     }
 
     /// Ticks until `stop`.
@@ -184,14 +186,14 @@ impl Cycle {
                 self.engine.counters_mut().records_dropped += 1;
             }
         }
-        // A copy that is being read stays as it is, unless it is found to be bad.
+        // A copy that is being read stays as it is, unless a part of it was forgotten.
         let snapshots = &mut self.rings.snapshots;
-        if self.engine.copy_is_bad() {
+        if std::mem::replace(&mut self.n_forgotten, self.engine.n_forgotten()) != self.engine.n_forgotten() {
             snapshots.start_over();
-            self.keep_good_copy();
-        } else if !snapshots.is_reading()
-            && (self.engine.good_copy_is_due() || (self.engine.is_good() && snapshots.take_request()))
-        {
+        }
+        let (engine, may_change) = (&self.engine, !snapshots.is_reading());
+        let is_asked = may_change && engine.is_good() && snapshots.take_request();
+        if engine.copy_is_bad() || is_asked || (may_change && engine.good_copy_is_due()) {
             self.keep_good_copy();
         }
         self.rings.snapshots.read_a_part(&self.engine);

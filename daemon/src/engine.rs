@@ -6,7 +6,7 @@
 //! A tick is [`Engine::begin`], [`Engine::take`] for each sample, [`Engine::conclude`]: no allocation, no system call.
 
 use crate::config::{Clock, Config, DeadlineConfig, InputConfig};
-use crate::estimator::{Estimator, EstimatorState, VehicleEstimate};
+use crate::estimator::{ChannelName, Estimator, EstimatorState, VehicleEstimate};
 use crate::gate::{Accepted, Gate, GateState};
 use observer::{ChannelReport, Doubt};
 use serde::{Deserialize, Serialize};
@@ -99,11 +99,13 @@ pub struct Engine {
     counters: Counters,
     frozen: bool,
     newest_arrival_ns: Option<u64>,
-    /// Stamp of the newest fall back to the good copy (ns).
-    fell_back_ns: Option<u64>,
+    /// Stamps of the newest fall back to the good copy (ns), by channel.
+    fell_back_ns: [Option<u64>; 3],
+    /// How often something learned was forgotten, on command or because it was bad.
+    n_forgotten: u64,
     /// Whether the newest estimate was good enough to be fallen back on.
     is_good: bool,
-    /// Whether the good copy is not to be fallen back on any more: it was found to be bad, or is to be forgotten.
+    /// Whether the good copy is to be forgotten, too.
     copy_is_bad: bool,
     /// Gate and the rest at the time of the newest good copy.
     kept: Option<(GateState, bool, Option<u64>)>,
@@ -132,7 +134,8 @@ impl Engine {
             counters: Counters::default(),
             frozen: false,
             newest_arrival_ns: None,
-            fell_back_ns: None,
+            fell_back_ns: [None; 3],
+            n_forgotten: 0,
             is_good: true,
             copy_is_bad: false,
             kept: None,
@@ -154,7 +157,7 @@ impl Engine {
     /// Takes a sample of `source` that arrived by the time of the wake-up.
     pub fn take(&mut self, measurement: &Measurement, source: u128) {
         if self.tick.status & status_bits::PREDICT_ONLY != 0 {
-            self.gate.turn_away(measurement, source);
+            self.gate.turn_away(measurement, source, self.tick.wake_ns);
             self.reject(Rejection::Overload);
             return;
         }
@@ -225,8 +228,7 @@ impl Engine {
         estimate
     }
 
-    /// The estimate, and whether the state was beyond its limits: then first the channel's last good copy is
-    /// tried, and if that is no better, or was fallen back on just before, everything starts again.
+    /// The estimate, and whether a channel was beyond its limits and had to fall back.
     fn guarded_estimate(&mut self, stamp_ns: u64) -> (VehicleEstimate, bool) {
         let state = self.estimator.estimate(stamp_ns);
         let within = Within::of(&state, &self.limits, 1.0);
@@ -234,29 +236,32 @@ impl Engine {
         if within.all() {
             return (state, false);
         }
-        let is_relapse =
-            self.fell_back_ns.is_some_and(|ns| stamp_ns.saturating_sub(ns) < (RELAPSE_S * 1e9) as u64);
-        self.fell_back_ns = Some(stamp_ns);
-        if !is_relapse {
-            if let Some(body) = &mut self.estimator.rigid_body {
-                if !within.translation {
-                    body.restore_translation();
-                }
-                if !within.rotation {
-                    body.restore_rotation();
-                }
-            }
-            if let Some(linear) = self.estimator.linear.as_mut().filter(|_| !within.linear) {
-                linear.restore_good_copy();
-            }
-            let restored = self.estimator.estimate(stamp_ns);
-            if Within::of(&restored, &self.limits, 1.0).all() {
-                return (restored, true);
-            }
+        for channel in ChannelName::ALL.into_iter().filter(|&channel| !within.is(channel)) {
+            let coasts = state.report(channel).is_none_or(|report| report.coasting);
+            self.fall_back(channel, coasts, stamp_ns);
         }
-        self.estimator.reset();
-        self.copy_is_bad = true;
         (self.estimator.estimate(stamp_ns), true)
+    }
+
+    /// A prediction that coasted too far says nothing about what was learned: its state starts again. What runs away
+    /// while it is measured goes back to the last good copy, and who has to go back again so soon begins anew.
+    fn fall_back(&mut self, channel: ChannelName, coasts: bool, stamp_ns: u64) {
+        if coasts {
+            self.estimator.restart_channel(channel);
+            return;
+        }
+        let before_ns = self.fell_back_ns[channel as usize].replace(stamp_ns);
+        if before_ns.is_some_and(|ns| stamp_ns.saturating_sub(ns) < (RELAPSE_S * 1e9) as u64) {
+            self.estimator.forget(channel);
+            self.n_forgotten += 1;
+            return;
+        }
+        self.estimator.restore(channel);
+        let restored = self.estimator.estimate(stamp_ns);
+        if !Within::of(&restored, &self.limits, 1.0).is(channel) {
+            // What it had learned by then is good; the state that goes with it has coasted too far by now.
+            self.estimator.restart_channel(channel);
+        }
     }
 
     fn status_of(&self, state: &VehicleEstimate, age_ns: Option<u64>) -> u64 {
@@ -299,6 +304,7 @@ impl Engine {
                 self.gate.forget();
                 self.newest_arrival_ns = None;
                 self.copy_is_bad = true;
+                self.n_forgotten += 1;
             }
             LoopCommand::Freeze => self.frozen = true,
             LoopCommand::Thaw => self.frozen = false,
@@ -316,6 +322,11 @@ impl Engine {
     /// Whether what was published last may be kept.
     pub fn is_good(&self) -> bool {
         self.is_good
+    }
+
+    /// How often something learned was forgotten, on command or because it was bad.
+    pub fn n_forgotten(&self) -> u64 {
+        self.n_forgotten
     }
 
     /// Whether the good copy is not what to fall back on any more.
@@ -422,6 +433,14 @@ impl Within {
         Self { translation, rotation, linear }
     }
 
+    fn is(&self, channel: ChannelName) -> bool {
+        match channel {
+            ChannelName::Translation => self.translation,
+            ChannelName::Rotation => self.rotation,
+            ChannelName::Linear => self.linear,
+        }
+    }
+
     fn all(&self) -> bool {
         self.translation && self.rotation && self.linear
     }
@@ -459,4 +478,153 @@ pub fn to_payload(state: &VehicleEstimate) -> Estimate {
         estimate.linear = channel(&linear.report);
     }
     estimate
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::config::ConfigFile;
+
+    const START_NS: u64 = 1_000_000_000_000;
+    const PERIOD_NS: u64 = 5_000_000;
+
+    fn engine(change: impl FnOnce(&mut Config)) -> Engine {
+        let mut file = ConfigFile::preset("rigid-body").unwrap();
+        change(&mut file.config);
+        Engine::new(&file.config, file.estimator().unwrap())
+    }
+
+    /// A body that moves gently, pulled by a force along x that nobody commands.
+    fn tick(engine: &mut Engine, j: u64, late_ticks_in_a_row: u64, unknown_force_n: f64) -> Estimate {
+        let (t_s, stamp_ns) = (j as f64 * 0.005, START_NS + j * PERIOD_NS);
+        engine.begin(stamp_ns, late_ticks_in_a_row);
+        let velocity_m_s = [(0.5 * t_s).sin(), 0.0, 0.01 * (7.0 * t_s).sin()];
+        // m = 2 kg, and the preset's gravity.
+        let force_n = [(0.5 * t_s).cos() - unknown_force_n, 0.0, -19.62];
+        engine.take(&Measurement::at(stamp_ns, j).with_velocity_m_s(velocity_m_s).with_force_n(force_n), 1);
+        let estimate = engine.conclude();
+        if engine.good_copy_is_due() {
+            engine.keep_good_copy();
+        }
+        estimate
+    }
+
+    fn force_x_n(estimate: &Estimate) -> f64 {
+        estimate.matched_force_n[0]
+    }
+
+    #[test]
+    fn a_loop_that_is_late_warns_then_predicts_only_then_says_invalid() {
+        let mut engine = engine(|config| {
+            config.deadline =
+                DeadlineConfig { warn_after_ticks: 2, predict_only_after_ticks: 4, invalid_after_ticks: 6 };
+        });
+        let levels = [status_bits::LATE, status_bits::PREDICT_ONLY, status_bits::INVALID];
+        let mut bits = |j: u64, late: u64| {
+            let status = tick(&mut engine, j, late, 0.0).status;
+            (
+                levels.map(|bit| status & bit != 0),
+                engine.counters().samples_rejected[Rejection::Overload as usize],
+            )
+        };
+        assert_eq!(bits(0, 1), ([false, false, false], 0));
+        assert_eq!(bits(1, 2), ([true, false, false], 0));
+        assert_eq!(bits(2, 3), ([true, false, false], 0));
+        assert_eq!(bits(3, 4), ([true, true, false], 1));
+        assert_eq!(bits(4, 6), ([true, true, true], 2));
+        // In time again: samples are used again, and those that were turned away are not lost.
+        assert_eq!(bits(5, 0), ([false, false, false], 2));
+        let counters = engine.counters();
+        assert_eq!((counters.samples_accepted, counters.samples_lost), (4, 0));
+        assert_eq!((counters.ticks_predict_only, counters.ticks_invalid), (2, 1));
+    }
+
+    /// What runs away goes back to what was good; a copy that does not help is dropped, weights and all.
+    #[test]
+    fn a_runaway_goes_back_and_who_relapses_begins_anew() {
+        let mut engine = engine(|config| config.input.max_unknown_force_n = 8.0);
+        let quiet = (0..400).map(|j| tick(&mut engine, j, 0, 1.0)).last().unwrap();
+        assert!((force_x_n(&quiet) - 1.0).abs() < 0.5, "{}", force_x_n(&quiet));
+        assert_eq!(engine.counters().state_resets, 0);
+        // 20 N that nobody knows of pull f̂ beyond 8 N: first what was good comes back, and then nothing is left of it.
+        let mut after_reset = Vec::new();
+        for j in 400..700 {
+            let estimate = tick(&mut engine, j, 0, 20.0);
+            let force_n = estimate.matched_force_n.map(|f| f * f).iter().sum::<f64>().sqrt();
+            assert!(estimate.is_finite() && force_n <= 8.0, "{estimate:?}");
+            if estimate.status & status_bits::DIVERGED != 0 {
+                after_reset.push(force_x_n(&estimate));
+            }
+        }
+        assert!(after_reset.len() >= 2, "{after_reset:?}");
+        assert!((after_reset[0] - 1.0).abs() < 1.5, "the good copy: {after_reset:?}");
+        assert_eq!(after_reset[1], 0.0, "nothing learned: {after_reset:?}");
+        assert!(engine.n_forgotten() > 0);
+        // The copy that was dropped does not come back either.
+        let mut learned = vec![0.0; engine.n_kept()];
+        engine.read_kept(0, &mut learned);
+        let largest = learned.iter().fold(0.0_f64, |largest, number| largest.max(number.abs()));
+        assert!(largest < 8.0, "{largest}");
+    }
+
+    /// Without a sensor the prediction runs beyond all limits in time; what was learned stays, and so does what the other
+    /// channel is.
+    #[test]
+    fn a_coast_beyond_the_limits_costs_the_state_and_nothing_else() {
+        let mut engine = engine(|config| config.input.max_speed_m_s = 20.0);
+        (0..1000).for_each(|j| _ = tick(&mut engine, j, 0, 1.0));
+        let learned = |engine: &Engine| {
+            let mut learned = vec![0.0; engine.n_kept()];
+            engine.read_kept(0, &mut learned);
+            learned
+        };
+        engine.keep_good_copy();
+        let before = learned(&engine);
+        // The last commanded force is held, and is not what keeps it up.
+        engine.begin(START_NS + 1001 * PERIOD_NS, 0);
+        let falls = Measurement::at(START_NS + 1001 * PERIOD_NS, 1001).with_force_n([0.0; 3]);
+        engine.take(&falls, 1);
+        let mut resets = 0;
+        for j in 1002..5000 {
+            engine.begin(START_NS + j * PERIOD_NS, 0);
+            let estimate = engine.conclude();
+            let speed = estimate.velocity_m_s.map(|v| v * v).iter().sum::<f64>().sqrt();
+            assert!(speed <= 20.0, "{speed}");
+            resets += u64::from(estimate.status & status_bits::DIVERGED != 0);
+            if engine.good_copy_is_due() {
+                engine.keep_good_copy();
+            }
+        }
+        assert_eq!((resets, engine.counters().state_resets), (1, 1));
+        assert_eq!(learned(&engine), before);
+        assert_eq!(engine.n_forgotten(), 0);
+        // Measured again, it goes on with what it knew.
+        let back = (5000..5010).map(|j| tick(&mut engine, j, 0, 1.0)).last().unwrap();
+        assert!((force_x_n(&back) - 1.0).abs() < 0.5 && back.status & status_bits::TRACKING == 0, "{back:?}");
+        assert_eq!(back.status & status_bits::COASTING_TRANSLATION, 0);
+    }
+
+    /// On its way beyond the limits a state is not kept as good.
+    #[test]
+    fn what_is_beyond_half_of_the_limits_is_not_kept() {
+        let mut engine = engine(|config| config.input.max_unknown_force_n = 8.0);
+        (0..2000).for_each(|j| _ = tick(&mut engine, j, 0, 6.0));
+        assert_eq!(engine.counters().state_resets, 0);
+        assert!(!engine.is_good());
+        let mut other = engine.clone();
+        let state = engine.kept_state().unwrap();
+        assert!(state.estimator.stamp_ns().unwrap() < START_NS + 1500 * PERIOD_NS);
+        other.carry_out(LoopCommand::Reset);
+        assert!(other.good_copy_is_due(), "what is forgotten is forgotten in the copy, too");
+    }
+
+    #[test]
+    fn numbers_that_are_no_learned_ones_are_refused() {
+        let mut engine = engine(|_| {});
+        let n = engine.n_kept();
+        let refused = |learned: Vec<f64>| engine.clone().resume(&Kept { learned, state: None }).unwrap_err();
+        assert!(refused(vec![0.0; n + 1]).contains(&format!("needed: {n}")));
+        assert!(refused(vec![f64::NAN; n]).contains("finite"));
+        engine.resume(&Kept { learned: vec![0.0; n], state: None }).unwrap();
+    }
 }

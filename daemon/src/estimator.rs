@@ -33,6 +33,22 @@ impl EstimatorState {
     }
 }
 
+/// One of the three that estimate on their own.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum ChannelName {
+    /// Position and velocity.
+    Translation,
+    /// Attitude and angular velocity.
+    Rotation,
+    /// The linear plant.
+    Linear,
+}
+
+impl ChannelName {
+    /// All of them, as counters of three are ordered.
+    pub const ALL: [Self; 3] = [Self::Translation, Self::Rotation, Self::Linear];
+}
+
 /// What the observers say about one instant.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct VehicleEstimate {
@@ -49,6 +65,16 @@ impl From<RigidBodyEstimate> for VehicleEstimate {
 }
 
 impl VehicleEstimate {
+    /// The report of a channel, if it is configured.
+    pub fn report(&self, channel: ChannelName) -> Option<&ChannelReport> {
+        let body = self.rigid_body.as_ref();
+        match channel {
+            ChannelName::Translation => body?.translation.as_ref(),
+            ChannelName::Rotation => body?.rotation.as_ref(),
+            ChannelName::Linear => self.linear.as_ref().map(|linear| &linear.report),
+        }
+    }
+
     /// The reports of all configured channels.
     pub fn reports(&self) -> impl Iterator<Item = &ChannelReport> {
         let body = self.rigid_body.iter().flat_map(|body| body.translation.iter().chain(&body.rotation));
@@ -88,6 +114,33 @@ impl Estimator {
     /// Forgets the state, not what was learned.
     pub fn restart(&mut self) {
         self.each(RigidBodyObserver::restart, LinearObserver::restart);
+    }
+
+    /// Puts a channel back to its last good copy, weights included.
+    pub fn restore(&mut self, channel: ChannelName) {
+        match channel {
+            ChannelName::Translation => self.each(RigidBodyObserver::restore_translation, |_| ()),
+            ChannelName::Rotation => self.each(RigidBodyObserver::restore_rotation, |_| ()),
+            ChannelName::Linear => self.each(|_| (), LinearObserver::restore_good_copy),
+        }
+    }
+
+    /// Forgets a channel's state, not what it learned.
+    pub fn restart_channel(&mut self, channel: ChannelName) {
+        match channel {
+            ChannelName::Translation => self.each(RigidBodyObserver::restart_translation, |_| ()),
+            ChannelName::Rotation => self.each(RigidBodyObserver::restart_rotation, |_| ()),
+            ChannelName::Linear => self.each(|_| (), LinearObserver::restart),
+        }
+    }
+
+    /// Forgets all of a channel, in the good copy too.
+    pub fn forget(&mut self, channel: ChannelName) {
+        match channel {
+            ChannelName::Translation => self.each(RigidBodyObserver::forget_translation, |_| ()),
+            ChannelName::Rotation => self.each(RigidBodyObserver::forget_rotation, |_| ()),
+            ChannelName::Linear => self.each(|_| (), LinearObserver::forget),
+        }
     }
 
     /// Keeps a copy of states and weights. Call it while they are known to be good.

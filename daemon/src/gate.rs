@@ -141,14 +141,22 @@ impl Gate {
                 Ok(accepted)
             }
             Err(reason) => {
-                self.turn_away(measurement, source);
+                self.see(measurement, source);
                 Err(reason)
             }
         }
     }
 
-    /// Sees a sample that is not to be used: it is not lost.
-    pub fn turn_away(&mut self, measurement: &Measurement, source: u128) {
+    /// Sees a sample that is not to be used, at `now_ns`, because nobody has time for it: it is not lost, and its source
+    /// is alive.
+    pub fn turn_away(&mut self, measurement: &Measurement, source: u128, now_ns: u64) {
+        if let Some(newest) = self.seen.newest.as_mut().filter(|newest| newest.source == source) {
+            newest.arrival_ns = now_ns;
+        }
+        self.see(measurement, source);
+    }
+
+    fn see(&mut self, measurement: &Measurement, source: u128) {
         let sequence = measurement.sequence;
         match &mut self.seen.newest {
             Some(newest) if newest.source != source => self.seen.other_source = Some(source),
@@ -403,8 +411,8 @@ mod tests {
     fn what_is_turned_away_is_not_lost() {
         let mut gate = gate(SourcePolicy::First);
         assert_accepted(judge(&mut gate, &sample(0)), 0, true);
-        gate.turn_away(&sample(2), 1);
-        gate.turn_away(&sample(3), 1);
+        gate.turn_away(&sample(2), 1, sample(2).stamp_ns);
+        gate.turn_away(&sample(3), 1, sample(3).stamp_ns);
         assert_accepted(judge(&mut gate, &sample(4)), 1, false);
     }
 

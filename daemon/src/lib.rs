@@ -59,7 +59,7 @@ use record::{RecorderRing, Session};
 use shared_types::domain::InstanceClaim;
 use shared_types::service::{ServiceError, check_instance_name};
 use shared_types::{Domain, DomainError, Status};
-use snapshot::SnapshotError;
+use snapshot::{SnapshotError, SnapshotLock};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, OnceLock, mpsc};
@@ -115,7 +115,7 @@ impl StartError {
         matches!(
             self,
             Self::Config(_)
-                | Self::Snapshot(SnapshotError::OtherDesign { .. })
+                | Self::Snapshot(SnapshotError::OtherDesign { .. } | SnapshotError::OtherVersion { .. })
                 | Self::Ports(PortsError::Service(ServiceError::InstanceName(_)))
         )
     }
@@ -144,6 +144,7 @@ impl ServiceFiles {
 pub struct Service {
     domain: Domain,
     claim: Option<InstanceClaim>,
+    snapshot_lock: Option<SnapshotLock>,
     stop_loop: Arc<AtomicBool>,
     stop_writers: Arc<AtomicBool>,
     stop_attendant: Arc<AtomicBool>,
@@ -182,11 +183,13 @@ impl Service {
 
         let mut engine = Engine::new(&config, estimator);
         let snapshot = files.state.as_ref().map(|state| ServiceFiles::snapshot_in(state, domain, instance));
+        let snapshot_lock = snapshot.as_deref().map(SnapshotLock::take).transpose()?;
         let (kept, restored) = match &snapshot {
             Some(path) => snapshot::take_over(path, files.is_fresh, &config, &mut engine)?,
             None => Default::default(),
         };
-        let (snapshots, saver) = snapshot::saver(snapshot, instance, &config, engine.n_kept());
+        let (snapshots, saver) =
+            snapshot::saver(snapshot, instance, &config, (engine.n_kept(), files.is_fresh));
         let mut recorder_ring = RecorderRing::none();
         let mut recorder = None;
         let mut record_progress = None;
@@ -214,6 +217,7 @@ impl Service {
         let mut service = Self {
             domain: domain.clone(),
             claim: Some(claim),
+            snapshot_lock,
             stop_loop: Arc::default(),
             stop_writers: Arc::default(),
             stop_attendant: Arc::default(),
@@ -275,7 +279,7 @@ impl Service {
             let _ = thread.join();
         }
         // The writers end after the loop, which hands over what it has at last.
-        self.stop_writers.store(true, Ordering::Relaxed);
+        self.stop_writers.store(true, Ordering::Release);
         let deadline = Instant::now() + WRITERS_PATIENCE;
         for thread in self.writer_threads.drain(..) {
             while !thread.is_finished() && Instant::now() < deadline {
@@ -292,7 +296,7 @@ impl Service {
         // The attendant ends last: its last status covers the last tick.
         self.stop_attendant.store(true, Ordering::Relaxed);
         let status = self.attendant_thread.take().and_then(|thread| thread.join().ok());
-        self.claim = None;
+        (self.claim, self.snapshot_lock) = (None, None);
         // A domain still in use, or locked by a starting process, stays.
         let _ = self.domain.remove_if_unused();
         status
@@ -318,6 +322,12 @@ fn nothing_refused(outcome: &Outcome) -> Result<(), StartError> {
 /// Says what was granted, and each refusal with its reason and remedy.
 fn say_real_time(asked: &RealTimeConfig, polls: bool, outcome: &Outcome) {
     say!("real time: {}", outcome.found.join(", "));
+    let nothing = RealTimeConfig { required: true, ..RealTimeConfig::default() };
+    if *asked == nothing {
+        say!(
+            "warning: real-time settings are required, and [real_time] asks for none: punctual timers are all there is"
+        );
+    }
     for (_, refused) in &outcome.refused {
         say!("warning: real time: {refused}");
     }

@@ -18,12 +18,13 @@
 use crate::config::{Clock, Config};
 use crate::engine::{Engine, EngineState, Kept};
 use crate::say;
+use rustix::fs::{FlockOperation, OFlags, flock};
 use serde::{Deserialize, Serialize};
 use shared_types::clock::monotonic_ns;
 use shared_types::payload::restored;
 use std::fs::{self, File, OpenOptions};
-use std::io::{self, Write};
-use std::os::unix::fs::OpenOptionsExt;
+use std::io::{self, Read, Write};
+use std::os::unix::fs::{DirBuilderExt, MetadataExt, OpenOptionsExt};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, mpsc};
@@ -33,8 +34,9 @@ const MAGIC: &[u8; 8] = b"obs-snap";
 const VERSION: u32 = 1;
 /// The loop hands over so many numbers a tick: a few microseconds of copying.
 const NUMBERS_PER_TICK: usize = 8192;
-/// A loop that has not handed over a copy after this long does not tick, or has none that is good.
-const LOOP_PATIENCE: Duration = Duration::from_secs(20);
+/// A loop that has not handed over a copy after this long, and twice the time that it takes to read it, does not tick,
+/// or has none that is good.
+const LOOP_PATIENCE: Duration = Duration::from_secs(5);
 const LOOK_EVERY: Duration = Duration::from_millis(5);
 
 /// What was learned and when, and what gives it its meaning.
@@ -77,6 +79,24 @@ pub enum SnapshotError {
         /// What is wrong with it.
         found: String,
     },
+    /// It is of another version of the program.
+    #[error(
+        "snapshot '{path}' has version {found}, this program reads version {VERSION}; needed: the program that wrote it, or --fresh to begin anew (the file is kept as .old)"
+    )]
+    OtherVersion {
+        /// The file.
+        path: String,
+        /// Its version.
+        found: u32,
+    },
+    /// Another service writes it.
+    #[error(
+        "snapshot '{path}' is another service's: it holds '{path}.lock'; needed: another --state or --instance"
+    )]
+    InUse {
+        /// The file.
+        path: String,
+    },
     /// It was learned by another design.
     #[error(
         "snapshot '{path}' was learned with another design: {differences}; needed: the same values, or --fresh to begin anew (the file is kept as .old), or another --instance or --state"
@@ -87,6 +107,23 @@ pub enum SnapshotError {
         /// What differs.
         differences: String,
     },
+}
+
+/// Why bytes are no snapshot of this version.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum DecodeError {
+    /// Another version of the format.
+    #[error("version {0}; this program reads version {VERSION}")]
+    OtherVersion(u32),
+    /// No snapshot, or not a whole one.
+    #[error("{0}")]
+    Damaged(String),
+}
+
+impl From<String> for DecodeError {
+    fn from(found: String) -> Self {
+        Self::Damaged(found)
+    }
 }
 
 impl Snapshot {
@@ -105,33 +142,37 @@ impl Snapshot {
     ///
     /// # Errors
     /// What is wrong with them: no snapshot, another version, damaged.
-    pub fn decode(bytes: &[u8]) -> Result<Self, String> {
+    pub fn decode(bytes: &[u8]) -> Result<Self, DecodeError> {
+        let ends = || "it ends in its header".to_owned();
         let header = bytes.split_first_chunk::<8>().filter(|(magic, _)| *magic == MAGIC);
-        let (_, rest) = header.ok_or("it does not begin as one")?;
-        let (version, rest) = rest.split_first_chunk::<4>().ok_or("it ends in its header")?;
+        let (_, rest) = header.ok_or_else(|| "it does not begin as one".to_owned())?;
+        let (version, rest) = rest.split_first_chunk::<4>().ok_or_else(ends)?;
         let version = u32::from_le_bytes(*version);
         if version != VERSION {
-            return Err(format!("version {version}; this program reads version {VERSION}"));
+            return Err(DecodeError::OtherVersion(version));
         }
-        let (sum, body) = rest.split_first_chunk::<4>().ok_or("it ends in its header")?;
+        let (sum, body) = rest.split_first_chunk::<4>().ok_or_else(ends)?;
         if crc32fast::hash(body) != u32::from_le_bytes(*sum) {
-            return Err(format!("the checksum of its {} bytes does not fit", body.len()));
+            return Err(format!("the checksum of its {} bytes does not fit", body.len()).into());
         }
         match postcard::take_from_bytes(body) {
             Ok((snapshot, [])) => Ok(snapshot),
-            Ok((_, rest)) => Err(format!("{} bytes too many", rest.len())),
-            Err(error) => Err(error.to_string()),
+            Ok((_, rest)) => Err(format!("{} bytes too many", rest.len()).into()),
+            Err(error) => Err(error.to_string().into()),
         }
     }
 
     /// Reads a file.
     ///
     /// # Errors
-    /// `Io` or `Damaged`.
+    /// `Io`, `Damaged` or `OtherVersion`.
     pub fn read(path: &Path) -> Result<Self, SnapshotError> {
         let name = path.display().to_string();
-        let bytes = fs::read(path).map_err(|cause| SnapshotError::Io { path: name.clone(), cause })?;
-        Self::decode(&bytes).map_err(|found| SnapshotError::Damaged { path: name, found })
+        let bytes = read_file(path).map_err(|cause| SnapshotError::Io { path: name.clone(), cause })?;
+        Self::decode(&bytes).map_err(|error| match error {
+            DecodeError::OtherVersion(found) => SnapshotError::OtherVersion { path: name, found },
+            DecodeError::Damaged(found) => SnapshotError::Damaged { path: name, found },
+        })
     }
 
     /// Writes a file: beside it first, synced, then renamed, the directory synced.
@@ -140,8 +181,12 @@ impl Snapshot {
     /// The system's reason.
     pub fn write(&self, path: &Path) -> io::Result<()> {
         let beside = with_suffix(path, ".new");
-        let mut options = OpenOptions::new();
-        let mut file = options.write(true).create(true).truncate(true).mode(0o600).open(&beside)?;
+        // Whatever is there was never finished, or is somebody's trap: it is not written through.
+        match fs::remove_file(&beside) {
+            Err(error) if error.kind() != io::ErrorKind::NotFound => return Err(error),
+            _ => {}
+        }
+        let mut file = OpenOptions::new().write(true).create_new(true).mode(0o600).open(&beside)?;
         file.write_all(&self.encode())?;
         file.sync_all()?;
         fs::rename(&beside, path)?;
@@ -165,6 +210,65 @@ impl Snapshot {
             .filter(|(_, then, now)| then != now)
             .map(|(key, then, now)| format!("{key} was {} and is {}", cut(&then), cut(&now)))
             .collect()
+    }
+}
+
+/// The bytes of a regular file; nothing else is waited for.
+fn read_file(path: &Path) -> io::Result<Vec<u8>> {
+    let flags = OFlags::NONBLOCK | OFlags::CLOEXEC;
+    let mut file = OpenOptions::new().read(true).custom_flags(flags.bits() as i32).open(path)?;
+    if !file.metadata()?.is_file() {
+        return Err(io::Error::other("not a regular file"));
+    }
+    let mut bytes = Vec::new();
+    file.read_to_end(&mut bytes)?;
+    Ok(bytes)
+}
+
+/// Makes the directory of the snapshots, for this user alone; one that is there must be so already.
+///
+/// # Errors
+/// The system's reason, or who else may write there.
+pub fn make_directory(path: &Path) -> io::Result<()> {
+    fs::DirBuilder::new().recursive(true).mode(0o700).create(path)?;
+    let metadata = fs::metadata(path)?;
+    let user = rustix::process::geteuid().as_raw();
+    match (metadata.uid() == user, metadata.mode() & 0o022 == 0) {
+        (false, _) => Err(io::Error::other(format!(
+            "it belongs to user id {}, this process runs as {user}; needed: a directory of its own",
+            metadata.uid()
+        ))),
+        (true, false) => Err(io::Error::other("others may write to it; needed: chmod go-w")),
+        (true, true) => Ok(()),
+    }
+}
+
+/// Held by the one service that writes a snapshot.
+#[derive(Debug)]
+pub struct SnapshotLock {
+    _file: File,
+}
+
+impl SnapshotLock {
+    /// Takes it; it ends with the returned value, or the process.
+    ///
+    /// # Errors
+    /// `InUse` while another service holds it: one in another container, say, whose claim on the instance is not seen
+    /// here. `Io` with the system's reason.
+    pub fn take(path: &Path) -> Result<Self, SnapshotError> {
+        let lock = with_suffix(path, ".lock");
+        let io_error = |cause| SnapshotError::Io { path: lock.display().to_string(), cause };
+        let mut options = OpenOptions::new();
+        options.write(true).create(true).truncate(false).mode(0o600);
+        let flags = OFlags::NOFOLLOW | OFlags::CLOEXEC;
+        let file = options.custom_flags(flags.bits() as i32).open(&lock).map_err(io_error)?;
+        match flock(&file, FlockOperation::NonBlockingLockExclusive) {
+            Ok(()) => Ok(Self { _file: file }),
+            Err(rustix::io::Errno::WOULDBLOCK) => {
+                Err(SnapshotError::InUse { path: path.display().to_string() })
+            }
+            Err(error) => Err(io_error(error.into())),
+        }
     }
 }
 
@@ -226,7 +330,7 @@ pub fn boot_id() -> String {
 /// A file that is no whole snapshot is set aside and said; it does not keep a vehicle on the ground.
 ///
 /// # Errors
-/// `OtherDesign`, or `Io` where the file exists and cannot be read.
+/// `OtherDesign`, `OtherVersion`, or `Io` where the file exists and cannot be read.
 pub fn take_over(
     path: &Path,
     is_fresh: bool,
@@ -234,13 +338,8 @@ pub fn take_over(
     engine: &mut Engine,
 ) -> Result<(Option<Kept>, u64), SnapshotError> {
     let io_error = |cause| SnapshotError::Io { path: path.display().to_string(), cause };
-    if !path.try_exists().map_err(io_error)? {
-        return Ok((None, restored::NOTHING));
-    }
-    if is_fresh {
-        let old = with_suffix(path, ".old");
-        fs::rename(path, &old).map_err(io_error)?;
-        say!("begins anew; what was learned before is kept in '{}'", old.display());
+    // A fresh start sets an old file aside when it first has another one to put there.
+    if is_fresh || !path.try_exists().map_err(io_error)? {
         return Ok((None, restored::NOTHING));
     }
     let snapshot = match Snapshot::read(path) {
@@ -265,7 +364,8 @@ pub fn take_over(
         Some(monotonic_ns().abs_diff(stamp_ns) as f64 / 1e9)
     };
     let goes_on = |state: &EngineState| {
-        snapshot.boot_id == boot_id()
+        !snapshot.boot_id.is_empty()
+            && snapshot.boot_id == boot_id()
             && config.clock == Clock::Monotonic
             && age_s(state).is_some_and(|age_s| age_s <= config.snapshot.resume_state_within_s)
     };
@@ -295,6 +395,8 @@ struct Copied {
     state: Option<EngineState>,
     stamp_ns: u64,
     samples_accepted: u64,
+    /// As [`Engine::n_forgotten`].
+    n_forgotten: u64,
 }
 
 /// The loop's end: it is asked with an empty copy, fills it in parts and hands it over. Nothing is allocated.
@@ -350,6 +452,7 @@ impl SnapshotRing {
         copy.state = engine.kept_state();
         copy.stamp_ns = monotonic_ns();
         copy.samples_accepted = engine.counters().samples_accepted;
+        copy.n_forgotten = engine.n_forgotten();
         // There is room for every copy that is on its way.
         let _ = self.filled.push(copy);
     }
@@ -375,6 +478,9 @@ pub struct Saver {
     instance: String,
     meaning: Vec<(String, String)>,
     save_every: Option<Duration>,
+    patience: Duration,
+    /// What is on disk knows more than what comes next, if this differs from the copy's: it is set aside.
+    n_forgotten: Option<u64>,
     requests: rtrb::Producer<Copied>,
     filled: rtrb::Consumer<Copied>,
     /// The copy that is not on its way.
@@ -397,7 +503,7 @@ pub fn saver(
     path: Option<PathBuf>,
     instance: &str,
     config: &Config,
-    n_learned: usize,
+    (n_learned, is_fresh): (usize, bool),
 ) -> (SnapshotRing, Option<(Saver, SaverHandle)>) {
     let (ask, asked) = rtrb::RingBuffer::new(1);
     let (fill, filled) = rtrb::RingBuffer::new(2);
@@ -411,6 +517,9 @@ pub fn saver(
             instance: instance.into(),
             meaning: meaning(config),
             save_every: (every_s > 0.0).then(|| Duration::from_secs_f64(every_s)),
+            patience: LOOP_PATIENCE
+                + Duration::from_secs_f64(2.0 * (n_learned / NUMBERS_PER_TICK) as f64 / config.rate_hz),
+            n_forgotten: (!is_fresh).then_some(0),
             requests: ask,
             filled,
             blank: Some(Copied { learned: vec![0.0; n_learned], ..Copied::default() }),
@@ -426,7 +535,7 @@ impl Saver {
     /// Saves when it is time, when it is wished, and, after `stop`, what the loop handed over last.
     pub fn run(mut self, stop: &AtomicBool) {
         let mut last = Instant::now();
-        while !stop.load(Ordering::Relaxed) {
+        while !stop.load(Ordering::Acquire) {
             let wish = self.wishes.recv_timeout(LOOK_EVERY).ok();
             let is_time = self.save_every.is_some_and(|every| last.elapsed() >= every);
             if wish.is_none() && !is_time {
@@ -446,12 +555,16 @@ impl Saver {
 
     /// Asks the loop for a copy and writes it.
     fn save(&mut self, stop: &AtomicBool) -> Result<String, String> {
+        // A copy that came too late for the one who asked is not what is asked for now.
+        while let Ok(copy) = self.filled.pop() {
+            self.blank = Some(copy);
+        }
         if let Some(blank) = self.blank.take() {
             // The ring has room for the only one.
             let _ = self.requests.push(blank);
         }
-        let deadline = Instant::now() + LOOP_PATIENCE;
-        while Instant::now() < deadline && !stop.load(Ordering::Relaxed) {
+        let deadline = Instant::now() + self.patience;
+        while Instant::now() < deadline && !stop.load(Ordering::Acquire) {
             if let Ok(copy) = self.filled.pop() {
                 return self.write(copy);
             }
@@ -462,7 +575,7 @@ impl Saver {
     }
 
     fn write(&mut self, copy: Copied) -> Result<String, String> {
-        let Copied { learned, state, stamp_ns, samples_accepted } = copy;
+        let Copied { learned, state, stamp_ns, samples_accepted, n_forgotten } = copy;
         let snapshot = Snapshot {
             program_version: env!("CARGO_PKG_VERSION").into(),
             instance: self.instance.clone(),
@@ -473,7 +586,7 @@ impl Saver {
             meaning: self.meaning.clone(),
             kept: Kept { learned, state },
         };
-        let written = snapshot.write(&self.path);
+        let written = self.set_aside(n_forgotten).and_then(|()| snapshot.write(&self.path));
         self.blank = Some(Copied { learned: snapshot.kept.learned, ..Copied::default() });
         match written {
             Ok(()) => {
@@ -482,16 +595,31 @@ impl Saver {
                 Ok(format!("saved to '{}'", self.path.display()))
             }
             Err(error) => {
-                let failed = self.progress.failed.fetch_add(1, Ordering::Relaxed) + 1;
-                // The first, then each power of ten: a full disk is no flood of lines.
-                if failed.checked_ilog10() > (failed - 1).checked_ilog10() {
-                    say!(
-                        "warning: snapshot '{}' cannot be written ({failed} times): {error}; what is learned lives as long as the service",
-                        self.path.display()
-                    );
-                }
-                Err(format!("'{}' cannot be written: {error}", self.path.display()))
+                let reason = format!("'{}' cannot be written: {error}", self.path.display());
+                self.note_failure(&reason);
+                Err(reason)
             }
+        }
+    }
+
+    /// What was forgotten since is in the file that is there: it is kept.
+    fn set_aside(&mut self, n_forgotten: u64) -> io::Result<()> {
+        if self.n_forgotten.replace(n_forgotten) == Some(n_forgotten) || !self.path.try_exists()? {
+            return Ok(());
+        }
+        let old = with_suffix(&self.path, ".old");
+        fs::rename(&self.path, &old)?;
+        say!("what was learned before is kept in '{}'", old.display());
+        Ok(())
+    }
+
+    fn note_failure(&self, reason: &str) {
+        let failed = self.progress.failed.fetch_add(1, Ordering::Relaxed) + 1;
+        // The first, then each power of ten: a full disk is no flood of lines.
+        if failed.checked_ilog10() > (failed - 1).checked_ilog10() {
+            say!(
+                "warning: no snapshot ({failed} times): {reason}; what is learned since lives as long as the service"
+            );
         }
     }
 }

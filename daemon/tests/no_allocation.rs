@@ -31,7 +31,7 @@ fn ticks_of_a_service_allocate_nothing(preset: &str) {
     let files = tempfile::tempdir().unwrap();
     let engine = Engine::new(&file.config, file.estimator().unwrap());
     let path = files.path().join("vehicle.snapshot");
-    let (snapshots, saver) = saver(Some(path.clone()), "vehicle", &file.config, engine.n_kept());
+    let (snapshots, saver) = saver(Some(path.clone()), "vehicle", &file.config, (engine.n_kept(), false));
     let (saver, handle) = saver.unwrap();
     let session = Session::of(&file.config, "vehicle", None);
     let (ring, recorder, recorded) = recorder(&files.path().join("flight"), &session, 1000.0).unwrap();

@@ -435,6 +435,11 @@ impl LinearObserver {
         self.timeline.restore_good_copy();
     }
 
+    /// Forgets all, in the good copy too.
+    pub fn forget(&mut self) {
+        self.timeline.forget();
+    }
+
     /// The law, its space and weights.
     pub fn law(&self) -> &Law<MAX_OUTPUTS> {
         &self.timeline.law

@@ -2,18 +2,29 @@
 //! sooner than a jump of the vehicle.
 //!
 //! ```text
-//! ỹ is believed  ⇔  ‖ỹ‖ ≤ c (d + s)  or no output was believed for 10 holds,      s ← s + a (‖ỹ‖ − s),  a = 1/20
+//! ỹ stands out  ⇔  ‖ỹ‖ > c (d + s),      s ← s + a (‖ỹ‖ − s) for each ỹ that is believed,  a = 1/20
 //! ```
 //!
-//! with the dead zone's width d, and s the running scale of the errors that were believed. What a vehicle does, an impact included, lasts: after 10 holds the next output is
-//! believed whatever it says, and sets the scale.
+//! with the dead zone's width d and the running scale s. What a vehicle does lasts, an impact or a gust included, and one
+//! error is like the next; spikes differ. So the third output in a row that stands out is believed if these three agree,
+//! each with the one before to 60 %: an error that grows in equal steps, as a constant force makes it, does. Whatever
+//! they say, no sensor is doubted for longer than 10 holds or 4 of its own periods. The first 10 outputs are believed, and the first
+//! one after a silence.
 
+use nalgebra::SVector;
 use serde::{Deserialize, Serialize};
 
 /// a: the scale follows the last twenty errors.
 const FORGETTING: f64 = 0.05;
-/// After so many holds without a believed output the next one is believed.
+/// So many outputs make the first scale.
+const FIRST_OUTPUTS: u32 = 10;
+/// So many in a row that stand out and agree are no spikes.
+const AGREEING_OUTPUTS: u32 = 3;
+/// Two errors agree if they differ by no more than this part of the larger one.
+const AGREEMENT: f64 = 0.6;
+/// After so many holds, and so many of the sensor's periods, without a believed output the next one is believed.
 const HOLDS_OF_DOUBT: u64 = 10;
+const PERIODS_OF_DOUBT: u64 = 4;
 
 /// What happens to an output that is not believed.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -37,36 +48,67 @@ pub struct Plausibility {
     pub factor: f64,
 }
 
-/// The running scale, and until when it is relied on.
+/// The running scale, until when it is relied on, and what was doubted last.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-pub(crate) struct ErrorScale {
+pub(crate) struct ErrorScale<const M: usize> {
     scale: f64,
-    /// Stamp of the newest believed output (ns).
-    believed_ns: Option<u64>,
+    n_believed: u32,
+    /// Stamps of the newest output and of the newest believed one (ns).
+    newest_ns: u64,
+    believed_ns: u64,
+    /// Between the newest two outputs (ns).
+    period_ns: u64,
+    doubted: SVector<f64, M>,
+    n_agreeing: u32,
 }
 
-impl ErrorScale {
+impl<const M: usize> ErrorScale<M> {
     pub(crate) fn unknown() -> Self {
-        Self { scale: 0.0, believed_ns: None }
+        Self {
+            scale: 0.0,
+            n_believed: 0,
+            newest_ns: 0,
+            believed_ns: 0,
+            period_ns: 0,
+            doubted: SVector::zeros(),
+            n_agreeing: 0,
+        }
     }
 
-    /// Whether an output with this ‖ỹ‖ stands out; if not, the scale follows it.
+    /// Whether an output with this ỹ stands out and is no more than a spike; if not, the scale follows it.
     pub(crate) fn stands_out(
         &mut self,
-        error_norm: f64,
+        error: &SVector<f64, M>,
         stamp_ns: u64,
         (factor, width, hold_ns): (f64, f64, u64),
     ) -> bool {
-        let patience_ns = hold_ns.saturating_mul(HOLDS_OF_DOUBT);
-        let is_known = self.believed_ns.is_some_and(|ns| stamp_ns.saturating_sub(ns) < patience_ns);
-        if is_known && error_norm > factor * (width + self.scale) {
-            return true;
+        let patience_ns =
+            hold_ns.saturating_mul(HOLDS_OF_DOUBT).max(self.period_ns.saturating_mul(PERIODS_OF_DOUBT));
+        let is_silent = stamp_ns.saturating_sub(self.believed_ns) >= patience_ns;
+        self.period_ns = if self.newest_ns > 0 { stamp_ns.saturating_sub(self.newest_ns) } else { 0 };
+        self.newest_ns = stamp_ns;
+
+        let size = error.norm();
+        let is_first = self.n_believed < FIRST_OUTPUTS;
+        if !is_first && !is_silent && size > factor * (width + self.scale) {
+            let largest = size.max(self.doubted.norm());
+            let agrees = self.n_agreeing > 0 && (error - self.doubted).norm() <= AGREEMENT * largest;
+            self.n_agreeing = if agrees { self.n_agreeing + 1 } else { 1 };
+            self.doubted = *error;
+            if self.n_agreeing < AGREEING_OUTPUTS {
+                return true;
+            }
+            self.scale = size;
+        } else if is_first {
+            self.scale = self.scale.max(size);
+        } else if is_silent {
+            self.scale = size;
+        } else {
+            self.scale += FORGETTING * (size - self.scale);
         }
-        self.scale = match is_known {
-            true => self.scale + FORGETTING * (error_norm - self.scale),
-            false => self.scale.max(error_norm),
-        };
-        self.believed_ns = Some(stamp_ns);
+        self.n_agreeing = 0;
+        self.n_believed = self.n_believed.saturating_add(1);
+        self.believed_ns = stamp_ns;
         false
     }
 }
@@ -74,56 +116,77 @@ impl ErrorScale {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use nalgebra::Vector2;
 
     const PERIOD_NS: u64 = 5_000_000;
     const RULE: (f64, f64, u64) = (8.0, 0.01, 7_500_000);
 
-    fn judged(errors: impl IntoIterator<Item = f64>) -> Vec<bool> {
+    /// Which of these errors, one each period, stand out; every other one points the other way where they are spikes.
+    fn judged(period_ns: u64, errors: impl IntoIterator<Item = f64>) -> Vec<usize> {
         let mut scale = ErrorScale::unknown();
-        errors.into_iter().zip(1..).map(|(e, j)| scale.stands_out(e, j * PERIOD_NS, RULE)).collect()
-    }
-
-    fn places(judged: &[bool]) -> Vec<usize> {
-        judged.iter().enumerate().filter(|(_, out)| **out).map(|(j, _)| j).collect()
+        let errors = errors.into_iter().zip(1..);
+        let out = errors.map(|(e, j)| scale.stands_out(&Vector2::new(e, 0.0), j * period_ns, RULE));
+        out.enumerate().filter(|(_, out)| *out).map(|(j, _)| j).collect()
     }
 
     #[test]
     fn a_spike_stands_out_and_what_follows_does_not() {
-        let errors = (0..100).map(|j| if j == 60 { 2.0 } else { 0.01 });
-        assert_eq!(places(&judged(errors)), [60]);
+        assert_eq!(judged(PERIOD_NS, (0..100).map(|j| if j == 60 { 2.0 } else { 0.01 })), [60]);
+        // Pairs agree or not: two in a row are not enough.
         let pairs = (0..100).map(|j| if j % 10 < 2 && j >= 40 { 2.0 } else { 0.01 });
-        assert_eq!(places(&judged(pairs)), [40, 41, 50, 51, 60, 61, 70, 71, 80, 81, 90, 91]);
+        assert_eq!(judged(PERIOD_NS, pairs), [40, 41, 50, 51, 60, 61, 70, 71, 80, 81, 90, 91]);
+        // Five in a row to both sides.
+        let to_both = (0..100).map(|j| if j / 5 == 12 { 2.0 * (-1.0_f64).powi(j) } else { 0.01 });
+        assert_eq!(judged(PERIOD_NS, to_both), [60, 61, 62, 63, 64]);
+    }
+
+    /// At 200 Hz and at 10 Hz, of which nobody was told.
+    #[test]
+    fn what_lasts_is_believed_at_the_third_output() {
+        for period_ns in [PERIOD_NS, 100_000_000] {
+            assert_eq!(judged(period_ns, (0..200).map(|j| if j < 50 { 0.01 } else { 2.0 })), [50, 51]);
+        }
     }
 
     #[test]
-    fn what_lasts_is_believed_after_ten_holds() {
-        let judged = judged((0..200).map(|j| if j < 50 { 0.01 } else { 2.0 }));
+    fn spikes_to_all_sides_close_the_gate_for_ten_holds_at_most() {
+        let spikes = (0..100).map(|j| if j < 50 { 0.01 } else { 2.0 * (-1.0_f64).powi(j) });
         // Fifteen periods of 5 ms are ten holds of 7.5 ms, counted from the last one believed.
-        assert_eq!(places(&judged), (50..64).collect::<Vec<_>>());
+        assert_eq!(judged(PERIOD_NS, spikes)[..14], (50..64).collect::<Vec<_>>());
     }
 
-    /// 20 N on 2 kg that nobody knew of: the error of an observer of 20 1/s grows to 0.5 m/s.
+    /// An acceleration that nobody knew of, from rest and out of rest, at the rate of a gyroscope and of a Doppler log.
     #[test]
     fn an_error_that_grows_as_a_force_lets_it_is_believed() {
-        let errors = (0..200).map(|j| 0.005 + 0.5 * (1.0 - (-0.1 * f64::from(j)).exp()));
-        assert_eq!(places(&judged(errors)), []);
+        for (period_s, acceleration, gain_per_s) in
+            [(0.005, 10.0, 20.0), (0.005, 100.0, 20.0), (0.1, 1.0, 4.0)]
+        {
+            for from in [0, 50] {
+                let grown = |j: i32| 1.0 - (-gain_per_s * period_s * f64::from(j - from)).exp();
+                let errors = (0..200).map(|j| 0.005 + acceleration / gain_per_s * grown(j.max(from)));
+                let out = judged((period_s * 1e9) as u64, errors);
+                assert!(out.len() <= 2, "{acceleration} m/s² at {period_s} s from {from}: {out:?}");
+            }
+        }
     }
 
     #[test]
-    fn after_an_outage_the_first_output_is_believed_and_sets_the_scale() {
+    fn the_first_outputs_make_the_scale_however_narrow_the_dead_zone() {
+        let rule = (8.0, 1e-9, 7_500_000);
         let mut scale = ErrorScale::unknown();
-        (1..100).for_each(|j| assert!(!scale.stands_out(0.01, j * PERIOD_NS, RULE)));
+        let errors = (1..200).map(|j| (j, 0.02 + 0.01 * (j as f64).sin()));
+        let out = errors.filter(|(j, e)| scale.stands_out(&Vector2::new(*e, 0.0), j * PERIOD_NS, rule));
+        assert_eq!(out.count(), 0);
+    }
+
+    #[test]
+    fn after_a_silence_the_first_output_is_believed_and_sets_the_scale() {
+        let mut scale = ErrorScale::unknown();
+        let mut out = |e: f64, ns: u64| scale.stands_out(&Vector2::new(e, 0.0), ns, RULE);
+        (1..100).for_each(|j| assert!(!out(0.01, j * PERIOD_NS)));
         let after = 100 * PERIOD_NS + 500_000_000;
-        assert!(!scale.stands_out(1.0, after, RULE));
-        assert!(!scale.stands_out(0.95, after + PERIOD_NS, RULE));
-        assert!(scale.stands_out(10.0, after + 2 * PERIOD_NS, RULE));
-    }
-
-    /// A comparison with NaN is false: such an output would be believed. None comes this far.
-    #[test]
-    fn an_infinite_error_stands_out() {
-        let mut scale = ErrorScale::unknown();
-        assert!(!scale.stands_out(0.01, PERIOD_NS, RULE));
-        assert!(scale.stands_out(f64::INFINITY, 2 * PERIOD_NS, RULE));
+        assert!(!out(1.0, after));
+        assert!(!out(0.95, after + PERIOD_NS));
+        assert!(out(10.0, after + 2 * PERIOD_NS));
     }
 }

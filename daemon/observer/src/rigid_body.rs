@@ -436,6 +436,34 @@ impl RigidBodyObserver {
         }
     }
 
+    /// Forgets the translation's state, not what was learned: it starts again from the next velocity.
+    pub fn restart_translation(&mut self) {
+        if let Some(translation) = &mut self.translation {
+            translation.restart();
+        }
+    }
+
+    /// Forgets the rotation's state, not what was learned: it starts again from the next angular velocity.
+    pub fn restart_rotation(&mut self) {
+        if let Some(rotation) = &mut self.rotation {
+            rotation.restart();
+        }
+    }
+
+    /// Forgets all of the translation, in the good copy too.
+    pub fn forget_translation(&mut self) {
+        if let Some(translation) = &mut self.translation {
+            translation.forget();
+        }
+    }
+
+    /// Forgets all of the rotation, in the good copy too.
+    pub fn forget_rotation(&mut self) {
+        if let Some(rotation) = &mut self.rotation {
+            rotation.forget();
+        }
+    }
+
     /// The translation's law, its space and weights.
     pub fn translation(&self) -> Option<&Law<3>> {
         self.translation.as_ref().map(|timeline| &timeline.law)

@@ -59,7 +59,7 @@ pub(crate) struct ChannelState<S, const M: usize> {
     last_learning_clamped: bool,
     output_stamp_ns: Option<u64>,
     output: KeptOutput<M>,
-    error_scale: ErrorScale,
+    error_scale: ErrorScale<M>,
 }
 
 impl<S: Copy, const M: usize> ChannelState<S, M> {
@@ -131,7 +131,7 @@ pub(crate) struct Timeline<P: Plant<M>, const M: usize> {
     trail_length: usize,
     trail_end: usize,
     plausibility: Plausibility,
-    error_scale: ErrorScale,
+    error_scale: ErrorScale<M>,
     n_held_back: u64,
     /// The last state that was known to be good.
     good: Option<ChannelState<P::State, M>>,
@@ -215,7 +215,7 @@ impl<P: Plant<M>, const M: usize> Timeline<P, M> {
                 self.law.observe_for(&output, &output_estimate, teaches);
                 self.held_until_ns = stamp_ns.saturating_add(self.hold_ns);
                 self.output_stamp_ns = Some(stamp_ns);
-            } else if self.held_until_ns > stamp_ns {
+            } else if self.held_until_ns >= stamp_ns {
                 self.law.observe_again(&output_estimate);
             }
         }
@@ -233,9 +233,9 @@ impl<P: Plant<M>, const M: usize> Timeline<P, M> {
         if outliers == Doubt::Off {
             return Some(measured);
         }
-        let error_norm = (measured.output - output_estimate).norm();
+        let error = measured.output - output_estimate;
         let rule = (factor, self.law.dead_zone().width(), self.hold_ns);
-        if !self.error_scale.stands_out(error_norm, stamp_ns, rule) {
+        if !self.error_scale.stands_out(&error, stamp_ns, rule) {
             return Some(measured);
         }
         self.n_held_back += 1;
@@ -344,6 +344,8 @@ impl<P: Plant<M>, const M: usize> Timeline<P, M> {
     fn put_back(&mut self, moment: Option<Moment<P::State>>) {
         self.committed = moment;
         self.held_until_ns = 0;
+        // What made it necessary may have been an error of any size.
+        self.error_scale = ErrorScale::unknown();
         self.clear_trail();
     }
 
@@ -397,8 +399,14 @@ impl<P: Plant<M>, const M: usize> Timeline<P, M> {
         self.output_stamp_ns = None;
         self.input = SVector::zeros();
         self.last_learning_clamped = false;
-        self.error_scale = ErrorScale::unknown();
         self.put_back(None);
+    }
+
+    /// Forgets the state and what was learned, in the good copy too.
+    pub(crate) fn forget(&mut self) {
+        self.restart();
+        self.law.forget();
+        self.keep_good_copy();
     }
 
     /// How far the estimate at an instant can be trusted.

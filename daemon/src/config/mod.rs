@@ -221,7 +221,7 @@ pub struct SnapshotConfig {
 
 impl Default for SnapshotConfig {
     fn default() -> Self {
-        Self { save_every_s: 10.0, resume_state_within_s: 30.0 }
+        Self { save_every_s: 5.0, resume_state_within_s: 10.0 }
     }
 }
 
@@ -829,11 +829,14 @@ impl ConfigFile {
 
     fn initial_state(&self) -> Result<InitialState, ConfigError> {
         let initial = &self.config.initial;
-        let vector = |key: &str, value: Option<[f64; 3]>| match value {
-            Some(v) if v.iter().any(|c| !c.is_finite()) => {
-                Err(self.wrong(&format!("initial.{key}"), &format!("{v:?}"), "finite numbers"))
+        let limits = &self.config.input;
+        let vector = |key: &str, value: Option<[f64; 3]>, limit: f64| match value.map(Vector3::from) {
+            // NaN is within no limit.
+            Some(v) if v.norm() > limit || !v.norm().is_finite() => {
+                let needed = format!("finite numbers of norm {limit} at most, the limit in [input]");
+                Err(self.wrong(&format!("initial.{key}"), &format!("{:?}", v.as_slice()), &needed))
             }
-            value => Ok(value.map(Vector3::from)),
+            value => Ok(value),
         };
         let attitude = match initial.attitude_wxyz {
             None => None,
@@ -847,10 +850,14 @@ impl ConfigFile {
             }
         };
         Ok(InitialState {
-            position_m: vector("position_m", initial.position_m)?,
-            velocity_m_s: vector("velocity_m_s", initial.velocity_m_s)?,
+            position_m: vector("position_m", initial.position_m, limits.max_position_m)?,
+            velocity_m_s: vector("velocity_m_s", initial.velocity_m_s, limits.max_speed_m_s)?,
             attitude,
-            angular_velocity_rad_s: vector("angular_velocity_rad_s", initial.angular_velocity_rad_s)?,
+            angular_velocity_rad_s: vector(
+                "angular_velocity_rad_s",
+                initial.angular_velocity_rad_s,
+                limits.max_angular_rate_rad_s,
+            )?,
         })
     }
 

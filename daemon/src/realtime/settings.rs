@@ -109,7 +109,10 @@ pub fn apply(asked: &RealTimeConfig) -> (Outcome, Held) {
 /// What [`apply`] would find; nothing of it stays.
 pub fn try_out(asked: &RealTimeConfig) -> Outcome {
     let asked = asked.clone();
-    std::thread::spawn(move || apply(&asked).0).join().unwrap_or_default()
+    match std::thread::spawn(move || apply(&asked).0).join() {
+        Ok(outcome) => outcome,
+        Err(panic) => std::panic::resume_unwind(panic),
+    }
 }
 
 /// While it lives, the thread that made it is off the loop's cores, as are all that it has started meanwhile.

@@ -24,6 +24,7 @@ use crate::config::{Config, ConfigFile};
 use crate::cycle::MOST_SAMPLES_PER_TICK;
 use crate::engine::{Kept, LoopCommand};
 use crate::say;
+use rustix::fs::{FlockOperation, OFlags, fcntl_setfl, flock};
 use serde::{Deserialize, Serialize};
 use shared_types::payload::{Estimate, Measurement};
 use std::fs::{File, OpenOptions};
@@ -40,7 +41,7 @@ const MARK: &[u8; 16] = b"\xff\xff\xff\xffflight-rec1\n";
 const LONGEST_FRAME_BYTES: u64 = 1 << 30;
 /// Entries of one tick beside its samples: begin, missing, estimate, commands, kept.
 const ENTRIES_BESIDE_SAMPLES: usize = 16;
-/// The ring holds this much time (s) at three entries a tick.
+/// The ring holds this much time (s) at three entries a tick, up to some 2700 ticks a second.
 const RING_S: f64 = 4.0;
 const LOOK_EVERY: Duration = Duration::from_millis(5);
 /// What a kill can cost.
@@ -190,7 +191,8 @@ pub struct Recorder {
     /// Ticks in the buffer that are not yet in the file.
     pending_ticks: u64,
     progress: Arc<RecorderProgress>,
-    said: bool,
+    /// A write failed: what could still be written would stand behind half a frame, where nobody finds it.
+    is_broken: bool,
 }
 
 /// Opens or makes the file, appends the session, and gives both ends.
@@ -202,7 +204,7 @@ pub fn recorder(
     session: &Session,
     rate_hz: f64,
 ) -> io::Result<(RecorderRing, Recorder, Arc<RecorderProgress>)> {
-    let file = OpenOptions::new().append(true).create(true).mode(0o600).open(path)?;
+    let file = open_to_append(path)?;
     let entries = (3.0 * RING_S * rate_hz) as usize;
     let (mut ring, mut taken) = rtrb::RingBuffer::new(entries.clamp(4096, 32_768));
     // The pages are there before the loop writes to them.
@@ -215,12 +217,34 @@ pub fn recorder(
         frame: Vec::new(),
         pending_ticks: 0,
         progress: Arc::clone(&progress),
-        said: false,
+        is_broken: false,
     };
     recorder.file.write_all(MARK)?;
     recorder.write(&FrameOf::Session(session))?;
     recorder.file.flush()?;
     Ok((RecorderRing { ring: Some(ring), leaves_out: false, missing: 0, left_out: 0 }, recorder, progress))
+}
+
+/// A record of ours, an empty file, or a pipe with a reader; nothing else is appended to.
+fn open_to_append(path: &Path) -> io::Result<File> {
+    // A pipe that nobody reads is refused, not waited for.
+    let flags = OFlags::NONBLOCK | OFlags::CLOEXEC;
+    let mut options = OpenOptions::new();
+    options.append(true).create(true).mode(0o600).custom_flags(flags.bits() as i32);
+    let file = options.open(path)?;
+    fcntl_setfl(&file, OFlags::APPEND)?;
+    if !file.metadata()?.is_file() {
+        return Ok(file);
+    }
+    let mut start = Vec::new();
+    File::open(path)?.take(MARK.len() as u64).read_to_end(&mut start)?;
+    if !start.is_empty() && !MARK.starts_with(&start) {
+        return Err(io::Error::other("it is no flight record of this version, and would be spoiled"));
+    }
+    match flock(&file, FlockOperation::NonBlockingLockExclusive) {
+        Err(rustix::io::Errno::WOULDBLOCK) => Err(io::Error::other("another service writes it")),
+        locked => locked.map(|()| file).map_err(io::Error::from),
+    }
 }
 
 impl Recorder {
@@ -229,13 +253,18 @@ impl Recorder {
         let mut last_flush = Instant::now();
         loop {
             // Looked at first: what was pushed before the stop is in the ring now.
-            let is_last = stop.load(Ordering::Relaxed);
+            let is_last = stop.load(Ordering::Acquire);
             while let Ok(entry) = self.ring.pop() {
+                let is_tick = u64::from(matches!(entry, Entry::Estimate(_)));
+                if self.is_broken {
+                    self.progress.failed.fetch_add(is_tick, Ordering::Relaxed);
+                    continue;
+                }
                 let written = self.write(&FrameOf::Entry(&entry));
-                self.pending_ticks += u64::from(matches!(entry, Entry::Estimate(_)));
+                self.pending_ticks += is_tick;
                 self.note(written);
             }
-            if is_last || last_flush.elapsed() >= FLUSH_EVERY {
+            if !self.is_broken && (is_last || last_flush.elapsed() >= FLUSH_EVERY) {
                 last_flush = Instant::now();
                 let flushed = self.file.flush();
                 let is_flushed = flushed.is_ok();
@@ -271,8 +300,10 @@ impl Recorder {
             return;
         }
         self.progress.failed.fetch_add(std::mem::take(&mut self.pending_ticks), Ordering::Relaxed);
-        if !std::mem::replace(&mut self.said, true) {
-            say!("warning: the flight record cannot be written: {error}; ticks are counted as not recorded");
+        if !std::mem::replace(&mut self.is_broken, true) {
+            say!(
+                "warning: the flight record ends here: {error}; all further ticks are counted as not recorded"
+            );
         }
     }
 }
