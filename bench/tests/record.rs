@@ -163,3 +163,21 @@ fn what_is_no_record_is_refused() {
     let (code, _, log) = check(file.path());
     assert!(code == Some(1) && log.contains("no flight record"), "{log}");
 }
+
+/// A file that is something else is not appended to, and a pipe without a reader is not waited for.
+#[test]
+fn only_a_record_is_appended_to() {
+    let domain = TestDomain::new();
+    let files = tempfile::tempdir().unwrap();
+    let other = files.path().join("vehicle.toml");
+    std::fs::write(&other, "rate_hz = 200.0\n").unwrap();
+    let pipe = files.path().join("pipe");
+    assert!(std::process::Command::new("mkfifo").arg(&pipe).status().unwrap().success());
+    for (path, reason) in [(&other, "no flight record"), (&pipe, "No such device")] {
+        let daemon = Role::start(&domain, &["daemon", "run", "--record", path.to_str().unwrap()]);
+        let ended = daemon.finish(PATIENCE);
+        assert_eq!(ended.status.code(), Some(1));
+        assert!(text(&ended.stderr).contains(reason), "{}", text(&ended.stderr));
+    }
+    assert_eq!(std::fs::read(&other).unwrap(), b"rate_hz = 200.0\n");
+}

@@ -134,15 +134,25 @@ struct FileArguments {
 
 impl FileArguments {
     fn files(&self) -> anyhow::Result<ServiceFiles> {
+        let in_context =
+            |directory: &Path| format!("the directory of the snapshots '{}'", directory.display());
         let state = match &self.state {
             Some(none) if none.as_os_str() == "none" || none.as_os_str().is_empty() => None,
-            Some(directory) => Some(directory.clone()),
-            None => default_state_directory(),
+            Some(directory) => {
+                snapshot::make_directory(directory).with_context(|| in_context(directory))?;
+                Some(directory.clone())
+            }
+            // Nobody asked for this one: without it the service runs all the same.
+            None => default_state_directory().filter(|directory| match snapshot::make_directory(directory) {
+                Ok(()) => true,
+                Err(error) => {
+                    say!("warning: {}: {error}", in_context(directory));
+                    false
+                }
+            }),
         };
-        match &state {
-            None => say!("no snapshots: what is learned lives as long as the service (--state DIR keeps it)"),
-            Some(directory) => snapshot::make_directory(directory)
-                .with_context(|| format!("the directory of the snapshots '{}'", directory.display()))?,
+        if state.is_none() {
+            say!("no snapshots: what is learned lives as long as the service (--state DIR keeps it)");
         }
         Ok(ServiceFiles { state, is_fresh: self.fresh, record: self.record.clone() })
     }

@@ -42,6 +42,7 @@ fn for_everyone(program: &Path) -> (tempfile::TempDir, PathBuf) {
 fn as_other_user(program: &Path) -> Command {
     let mut command = Command::new(program);
     command.uid(OTHER_USER).gid(OTHER_USER).current_dir("/").stdin(Stdio::null());
+    command.env("OBSERVER_STATE", "none");
     command
 }
 
@@ -88,6 +89,7 @@ fn whatever_the_umask_only_the_owner_can_open_anything() {
         let daemon = daemon_command(&domain, &["run"]);
         let mut shell = Command::new("sh");
         shell.arg("-c").arg(format!("umask {umask}; exec \"$0\" \"$@\"")).arg(daemon.get_program());
+        shell.envs(daemon.get_envs().filter_map(|(name, value)| Some((name, value?))));
         shell.args(daemon.get_args()).stdout(Stdio::piped()).stderr(Stdio::piped());
         let daemon = Daemon { child: shell.spawn().unwrap() };
         in_use(&domain);

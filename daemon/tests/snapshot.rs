@@ -227,7 +227,11 @@ fn another_design_is_refused_by_name_and_fresh_begins_anew() {
 #[test]
 fn a_damaged_file_is_set_aside_and_keeps_nothing_on_the_ground() {
     let domain = TestDomain::new();
-    std::fs::write(snapshot_path(&domain), b"obs-snap and then something else").unwrap();
+    // Of another version is not damaged: refused.
+    std::fs::write(snapshot_path(&domain), b"obs-snap\x07\0\0\0and what only that one knows").unwrap();
+    let (code, log) = Daemon::start(&domain, &[]).finish();
+    assert!(code == Some(2) && log.contains("version 7") && log.contains("--fresh"), "{log}");
+    std::fs::write(snapshot_path(&domain), b"obs-snap\x01\0\0\0sum and then something else").unwrap();
     let daemon = Daemon::start(&domain, &[]);
     domain.client();
     assert_eq!(domain.status().snapshot_restored, restored::NOTHING);
@@ -275,4 +279,99 @@ fn without_a_directory_nothing_is_kept_and_that_is_said() {
     let (_, log) = daemon.stop();
     assert!(log.contains("no snapshots"), "{log}");
     assert!(!snapshot_path(&domain).exists());
+}
+
+/// Nobody asked for the default directory: where it cannot be made the service runs all the same.
+#[test]
+fn a_default_directory_that_cannot_be_made_is_no_reason_to_stay_on_the_ground() {
+    let domain = TestDomain::new();
+    let file = tempfile::NamedTempFile::new().unwrap();
+    let run = |configure: &dyn Fn(&mut std::process::Command)| {
+        let mut command = daemon_command(&domain, &["run"]);
+        configure(command.env_remove("OBSERVER_STATE"));
+        let child = command.stdout(std::process::Stdio::piped()).stderr(std::process::Stdio::piped()).spawn();
+        Daemon { child: child.unwrap() }
+    };
+    let daemon = run(&|command| _ = command.env("STATE_DIRECTORY", file.path().join("below")));
+    domain.client();
+    let (code, log) = daemon.stop();
+    assert!(code == Some(0) && log.contains("below") && log.contains("no snapshots"), "{log}");
+    // What somebody asked for is not left out, and neither is a directory that others may write to.
+    let (code, log) = run(&|command| _ = command.env("OBSERVER_STATE", file.path().join("below"))).finish();
+    assert!(code == Some(1) && log.contains("below"), "{log}");
+    let open = std::os::unix::fs::PermissionsExt::from_mode(0o777);
+    std::fs::set_permissions(domain.state.path(), open).unwrap();
+    let (code, log) = Daemon::start(&domain, &[]).finish();
+    assert!(code == Some(1) && log.contains("chmod go-w"), "{log}");
+}
+
+/// A trap in the place of the unfinished file is not written through, and a pipe is not waited for.
+#[test]
+fn what_another_one_planted_does_no_harm() {
+    let domain = TestDomain::new();
+    let victim = tempfile::NamedTempFile::new().unwrap();
+    let beside = |suffix: &str| {
+        let mut name = snapshot_path(&domain).into_os_string();
+        name.push(suffix);
+        PathBuf::from(name)
+    };
+    std::os::unix::fs::symlink(victim.path(), beside(".new")).unwrap();
+    let daemon = Daemon::start(&domain, &[]);
+    domain.client();
+    let second = ServiceFiles { state: Some(domain.state.path().into()), ..ServiceFiles::default() };
+    // Another container: its domain is another one of the same name.
+    let error = daemon::snapshot::SnapshotLock::take(&ServiceFiles::snapshot_in(
+        second.state.as_deref().unwrap(),
+        &domain.domain,
+        "vehicle",
+    ))
+    .unwrap_err();
+    assert!(error.to_string().contains("another service's"), "{error}");
+    assert_eq!(daemon.stop().0, Some(0));
+    assert_eq!(std::fs::read(victim.path()).unwrap(), b"");
+    assert!(snapshot_path(&domain).metadata().unwrap().is_file());
+    std::fs::remove_file(snapshot_path(&domain)).unwrap();
+    assert!(std::process::Command::new("mkfifo").arg(snapshot_path(&domain)).status().unwrap().success());
+    let (code, log) = Daemon::start(&domain, &[]).finish();
+    assert!(code == Some(1) && log.contains("not a regular file"), "{log}");
+}
+
+/// An operator's reset, and what the guard forgets, leave what was learned before on disk.
+#[test]
+fn what_is_forgotten_is_kept_beside() {
+    let domain = TestDomain::new();
+    let daemon = Daemon::start(&domain, &[]);
+    let client = domain.client();
+    fly(&client, 0, 200);
+    let learned =
+        |path: PathBuf| Snapshot::read(&path).unwrap().kept.learned.iter().any(|number| *number != 0.0);
+    assert_eq!(client.command(command::SAVE, PATIENCE).unwrap().outcome, outcome::DONE);
+    assert!(learned(snapshot_path(&domain)));
+    assert_eq!(client.command(command::RESET, PATIENCE).unwrap().outcome, outcome::DONE);
+    assert_eq!(client.command(command::SAVE, PATIENCE).unwrap().outcome, outcome::DONE);
+    assert!(!learned(snapshot_path(&domain)));
+    let mut old = snapshot_path(&domain).into_os_string();
+    old.push(".old");
+    assert!(learned(old.into()));
+    drop(client);
+    assert_eq!(daemon.stop().0, Some(0));
+}
+
+/// Whose standard error nobody reads any more, falls back without a word, and goes on.
+#[test]
+fn a_log_that_nobody_reads_ends_nothing() {
+    let domain = TestDomain::new();
+    let config = preset_between("", "[input]\nmax_unknown_force_n = 2.0\nstuck = \"off\"");
+    let mut daemon = Daemon::start(&domain, &["--config", config.path().to_str().unwrap()]);
+    drop(daemon.child.stderr.take());
+    let client = domain.client();
+    let sensors = client.measurement_publisher().unwrap();
+    let still = |sequence| Measurement::at(monotonic_ns(), sequence).with_velocity_m_s([0.5, 0.0, 0.0]);
+    for sequence in 0..300 {
+        sensors.publish(&still(sequence)).unwrap();
+        std::thread::sleep(Duration::from_millis(5));
+    }
+    wait_until("a fall", || domain.status().state_resets > 0);
+    std::thread::sleep(Duration::from_millis(500));
+    assert!(daemon.child.try_wait().unwrap().is_none(), "it runs on");
 }

@@ -132,7 +132,12 @@ impl Unprivileged {
         let mut command = Command::new(directory.path().join("daemon"));
         std::os::unix::process::CommandExt::uid(&mut command, NOBODY);
         std::os::unix::process::CommandExt::gid(&mut command, NOBODY);
-        command.args(arguments).arg("--root").arg(self.domain.root()).current_dir("/");
+        command
+            .args(arguments)
+            .arg("--root")
+            .arg(self.domain.root())
+            .current_dir("/")
+            .env("OBSERVER_STATE", "none");
         command
     }
 }
