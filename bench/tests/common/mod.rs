@@ -18,7 +18,8 @@ pub struct TestDomain {
 impl TestDomain {
     pub fn new() -> Self {
         let root = tempfile::Builder::new().prefix("ot").tempdir_in("/dev/shm").unwrap();
-        let state = tempfile::tempdir().unwrap();
+        // In memory: a busy disk may take seconds to sync.
+        let state = tempfile::Builder::new().prefix("os").tempdir_in("/dev/shm").unwrap();
         Self { domain: Domain::at(root.path()).unwrap(), state, _root: root }
     }
 
