@@ -24,7 +24,7 @@ fuzz_target!(|bytes: &[u8]| {
     if n_centers(&file.config) <= MOST_CENTERS {
         match file.estimator() {
             Ok(mut estimator) => {
-                let estimate = daemon::cycle::to_payload(&estimator.estimate(1));
+                let estimate = daemon::engine::to_payload(&estimator.estimate(1));
                 assert!(estimate.is_finite(), "{estimate:?}");
             }
             Err(error) => {

@@ -49,6 +49,10 @@ fuzz_target!(|bytes: &[u8]| {
     }
     let (frames, _) = read_all(&record);
     assert!((1..=n).contains(&frames));
+    // Without an entry there is nothing to replay, and building the engine takes most of a run.
+    if frames < 2 {
+        return;
+    }
     let reports = check(&mut Reader::new(Cursor::new(&record)));
     assert!(reports.is_err() || !reports.unwrap().is_empty());
 });

@@ -20,7 +20,8 @@ thread_local! {
 fuzz_target!(|bytes: &[u8]| {
     let _ = Snapshot::decode(bytes);
     // With a sum that fits, what is behind it is reached.
-    let whole = [b"obs-snap", 1_u32.to_le_bytes().as_slice(), &crc32fast::hash(bytes).to_le_bytes(), bytes].concat();
+    let whole =
+        [b"obs-snap", 1_u32.to_le_bytes().as_slice(), &crc32fast::hash(bytes).to_le_bytes(), bytes].concat();
     match Snapshot::decode(&whole) {
         Err(message) => assert!(!message.is_empty()),
         Ok(snapshot) => START.with(|start| {
