@@ -23,7 +23,7 @@ fuzz_target!(|bytes: &[u8]| {
     let whole =
         [b"obs-snap", 1_u32.to_le_bytes().as_slice(), &crc32fast::hash(bytes).to_le_bytes(), bytes].concat();
     match Snapshot::decode(&whole) {
-        Err(message) => assert!(!message.is_empty()),
+        Err(error) => assert!(!error.to_string().is_empty()),
         Ok(snapshot) => START.with(|start| {
             let (file, engine) = &**start;
             let _ = snapshot.differences(&file.config);
