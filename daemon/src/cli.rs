@@ -21,6 +21,9 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, UNIX_EPOCH};
 
+/// Environment variable that names the directory of the snapshots.
+pub(crate) const STATE_VARIABLE: &str = "OBSERVER_STATE";
+
 /// State estimation next to a flight or underwater vehicle's process.
 ///
 /// Reads measurements from shared memory at a fixed rate, writes position, velocity, attitude, angular
@@ -122,7 +125,7 @@ enum SnapshotTask {
 #[derive(Debug, Args)]
 struct FileArguments {
     /// Directory of the snapshots; "none" keeps none [default: $STATE_DIRECTORY, $XDG_STATE_HOME/observer or ~/.local/state/observer].
-    #[arg(long, value_name = "DIR", env = "OBSERVER_STATE")]
+    #[arg(long, value_name = "DIR", env = STATE_VARIABLE)]
     state: Option<PathBuf>,
     /// Begin anew instead of with the snapshot, which is kept as .old.
     #[arg(long)]
@@ -136,20 +139,18 @@ impl FileArguments {
     fn files(&self) -> anyhow::Result<ServiceFiles> {
         let in_context =
             |directory: &Path| format!("the directory of the snapshots '{}'", directory.display());
-        let state = match &self.state {
-            Some(none) if none.as_os_str() == "none" || none.as_os_str().is_empty() => None,
-            Some(directory) => {
-                snapshot::make_directory(directory).with_context(|| in_context(directory))?;
-                Some(directory.clone())
-            }
-            // Nobody asked for this one: without it the service runs all the same.
-            None => default_state_directory().filter(|directory| match snapshot::make_directory(directory) {
-                Ok(()) => true,
+        let asked = self.state.is_some();
+        let state = match state_directory(self.state.as_deref()) {
+            None => None,
+            Some(directory) => match snapshot::make_directory(&directory) {
+                Ok(()) => Some(directory),
+                Err(error) if asked => return Err(error).with_context(|| in_context(&directory)),
+                // Nobody asked for this one: without it the service runs all the same.
                 Err(error) => {
-                    say!("warning: {}: {error}", in_context(directory));
-                    false
+                    say!("warning: {}: {error}", in_context(&directory));
+                    None
                 }
-            }),
+            },
         };
         if state.is_none() {
             say!("no snapshots: what is learned lives as long as the service (--state DIR keeps it)");
@@ -158,8 +159,12 @@ impl FileArguments {
     }
 }
 
-/// Of the service manager, or of the user.
-fn default_state_directory() -> Option<PathBuf> {
+/// Where snapshots go: what was asked for, but for "none"; or what the service manager, or the user's home, offers.
+pub(crate) fn state_directory(asked: Option<&Path>) -> Option<PathBuf> {
+    if let Some(asked) = asked {
+        let is_none = asked.as_os_str() == "none" || asked.as_os_str().is_empty();
+        return (!is_none).then(|| asked.to_owned());
+    }
     let absolute = |name: &str| std::env::var_os(name).map(PathBuf::from).filter(|path| path.is_absolute());
     absolute("STATE_DIRECTORY")
         .or_else(|| Some(absolute("XDG_STATE_HOME")?.join("observer")))

@@ -122,3 +122,20 @@ fn what_a_killed_service_left_is_found_and_the_command_it_names_removes_it() {
     assert_eq!(fact(&found, "stale files")["verdict"], "good", "{found:#}");
     domain.assert_clean();
 }
+
+#[test]
+fn it_tells_whether_snapshots_can_be_written() {
+    let domain = TestDomain::new();
+    let verdict = |domain: &TestDomain| {
+        let found = document(daemon_command(domain, &QUICK));
+        let fact = fact(&found, "snapshots");
+        (fact["verdict"].as_str().unwrap().to_owned(), fact["found"].as_str().unwrap().to_owned())
+    };
+    let (good, found) = verdict(&domain);
+    assert!(good == "good" && found.contains("synced in"), "{good}: {found}");
+    assert_eq!(std::fs::read_dir(domain.state.path()).unwrap().count(), 0, "nothing is left");
+    let open = std::os::unix::fs::PermissionsExt::from_mode(0o777);
+    std::fs::set_permissions(domain.state.path(), open).unwrap();
+    let (bad, found) = verdict(&domain);
+    assert!(bad == "bad" && found.contains("others may write"), "{bad}: {found}");
+}

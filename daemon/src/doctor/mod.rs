@@ -4,6 +4,7 @@
 //! and what would help. It needs no rights, changes nothing, and a fact that the kernel does not tell is one
 //! line that says so.
 
+mod disk;
 mod facts;
 mod lateness;
 mod memory;
@@ -163,6 +164,7 @@ pub(crate) fn run(arguments: &DoctorArguments) -> anyhow::Result<()> {
     let lateness = lateness::measure(&plan);
     let mut facts = facts::all(&plan, steal_before);
     facts.extend(memory::all(&domain, &arguments.place.instance));
+    facts.push(disk::snapshots());
     if let Some(file) = &file {
         facts.push(asked_for(file, &asked));
     }
