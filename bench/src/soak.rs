@@ -166,7 +166,7 @@ fn look_on(
     let (mut read, mut overrun, mut not_finite) = (0, 0, 0);
     let mut next_sequence = None;
     let start = Instant::now();
-    let (mut settled_kb, mut end_kb, mut last_look) = (0, 0, Instant::now());
+    let (mut settled_kb, mut end_kb, mut last_look) = (None, 0, Instant::now());
     while !vehicle.has_ended()? {
         while let Some(estimate) = estimates.take()? {
             read += 1;
@@ -177,8 +177,8 @@ fn look_on(
         if last_look.elapsed().as_secs_f64() >= LOOK_EVERY_S {
             last_look = Instant::now();
             end_kb = resident_kb(service_pid)?;
-            if start.elapsed().as_secs_f64() < SETTLING_PART * seconds {
-                settled_kb = end_kb;
+            if settled_kb.is_none() || start.elapsed().as_secs_f64() < SETTLING_PART * seconds {
+                settled_kb = Some(end_kb);
             }
         }
         if stop.load(Ordering::Relaxed) {
@@ -198,7 +198,7 @@ fn look_on(
         estimates_read: read,
         estimates_overrun: overrun,
         estimates_not_finite: not_finite,
-        resident_kb_settled: settled_kb,
+        resident_kb_settled: settled_kb.unwrap_or(end_kb),
         resident_kb_end: end_kb,
     })
 }

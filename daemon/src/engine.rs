@@ -176,6 +176,7 @@ impl Engine {
         let Accepted { mut sample, mut linear, lost, new_source, new_time, stuck } = *accepted;
         if new_time {
             self.estimator.restart();
+            self.fell_back_ns = [None; 3];
         }
         for (count, stuck) in self.counters.outputs_stuck.iter_mut().zip(stuck) {
             *count += u64::from(stuck);
@@ -251,7 +252,7 @@ impl Engine {
             return;
         }
         let before_ns = self.fell_back_ns[channel as usize].replace(stamp_ns);
-        if before_ns.is_some_and(|ns| stamp_ns.saturating_sub(ns) < (RELAPSE_S * 1e9) as u64) {
+        if before_ns.is_some_and(|ns| stamp_ns.abs_diff(ns) < (RELAPSE_S * 1e9) as u64) {
             self.estimator.forget(channel);
             self.n_forgotten += 1;
             return;

@@ -481,6 +481,7 @@ pub struct Saver {
     patience: Duration,
     /// What is on disk knows more than what comes next, if this differs from the copy's: it is set aside.
     n_forgotten: Option<u64>,
+    has_set_aside: bool,
     requests: rtrb::Producer<Copied>,
     filled: rtrb::Consumer<Copied>,
     /// The copy that is not on its way.
@@ -520,6 +521,7 @@ pub fn saver(
             patience: LOOP_PATIENCE
                 + Duration::from_secs_f64(2.0 * (n_learned / NUMBERS_PER_TICK) as f64 / config.rate_hz),
             n_forgotten: (!is_fresh).then_some(0),
+            has_set_aside: false,
             requests: ask,
             filled,
             blank: Some(Copied { learned: vec![0.0; n_learned], ..Copied::default() }),
@@ -604,12 +606,19 @@ impl Saver {
 
     /// What was forgotten since is in the file that is there: it is kept.
     fn set_aside(&mut self, n_forgotten: u64) -> io::Result<()> {
-        if self.n_forgotten.replace(n_forgotten) == Some(n_forgotten) || !self.path.try_exists()? {
+        if self.n_forgotten == Some(n_forgotten) {
             return Ok(());
         }
-        let old = with_suffix(&self.path, ".old");
-        fs::rename(&self.path, &old)?;
-        say!("what was learned before is kept in '{}'", old.display());
+        // Once: what is forgotten again and again is what was learned since the last time, and no flight.
+        if !self.has_set_aside && self.path.try_exists()? {
+            let old = with_suffix(&self.path, ".old");
+            let old =
+                if old.try_exists()? { with_suffix(&self.path, &format!(".old-{}", unix_s())) } else { old };
+            fs::rename(&self.path, &old)?;
+            say!("what was learned before is kept in '{}'", old.display());
+            self.has_set_aside = true;
+        }
+        self.n_forgotten = Some(n_forgotten);
         Ok(())
     }
 

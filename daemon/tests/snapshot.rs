@@ -352,6 +352,17 @@ fn what_is_forgotten_is_kept_beside() {
     assert!(!learned(snapshot_path(&domain)));
     let mut old = snapshot_path(&domain).into_os_string();
     old.push(".old");
+    assert!(learned(old.clone().into()));
+    // And stays there, however often what came after is forgotten, by this service and the next.
+    let forget_again = |client: &Client| {
+        assert_eq!(client.command(command::RESET, PATIENCE).unwrap().outcome, outcome::DONE);
+        assert_eq!(client.command(command::SAVE, PATIENCE).unwrap().outcome, outcome::DONE);
+    };
+    forget_again(&client);
+    assert!(learned(old.clone().into()));
+    assert_eq!(daemon.stop().0, Some(0));
+    let daemon = Daemon::start(&domain, &["--fresh"]);
+    forget_again(&domain.client());
     assert!(learned(old.into()));
     drop(client);
     assert_eq!(daemon.stop().0, Some(0));

@@ -228,6 +228,9 @@ pub fn throttling() -> Option<String> {
 mod tests {
     use super::*;
 
+    /// Locked memory is the whole process's: whoever counts page faults does so before or after.
+    static MEMORY: std::sync::Mutex<()> = std::sync::Mutex::new(());
+
     fn page_faults_of_this_thread() -> u64 {
         let stat = std::fs::read_to_string("/proc/thread-self/stat").unwrap();
         // The fields after the name, which may contain anything but ')'; minflt is the tenth of all.
@@ -245,6 +248,7 @@ mod tests {
 
     #[test]
     fn memory_from_the_reserve_is_mapped_already() {
+        let _alone = MEMORY.lock();
         let faults = |reserve: bool| {
             let measure = move || {
                 if reserve {
@@ -261,6 +265,7 @@ mod tests {
 
     #[test]
     fn what_is_granted_was_read_back_and_what_is_not_says_why() {
+        let _alone = MEMORY.lock();
         let cores = allowed_cores();
         let asked = RealTimeConfig {
             priority: Some(10),

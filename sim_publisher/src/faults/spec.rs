@@ -435,7 +435,11 @@ pub fn read_faults(arguments: &[String]) -> Result<Vec<Fault>, FaultError> {
         if Path::new(argument).is_file() {
             faults.extend(from_file(argument)?);
         } else {
-            let texts = argument.split(';').map(str::trim).filter(|text| !text.is_empty());
+            let mut texts = argument.split(';').map(str::trim).filter(|text| !text.is_empty()).peekable();
+            if texts.peek().is_none() {
+                // A run without any fault was hardly meant: an empty variable, say.
+                from_text("")?;
+            }
             faults.extend(texts.map(from_text).collect::<Result<Vec<_>, _>>()?);
         }
     }
@@ -626,6 +630,7 @@ pub(super) mod tests {
             ("faults.toml", "no such file"),
             ("spike@5", "times '5'"),
             ("spiek@5:1", "kind 'spiek'; needed: one of drop"),
+            (" ; ", "no '@'"),
             (
                 "spike@5:1",
                 "no size; needed: size, in the field's unit, above 0; for example: spike@5:2,size=3",
