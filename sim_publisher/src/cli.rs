@@ -4,7 +4,7 @@ use crate::faults::{
     Fault, FaultError, Faults, Faulty, Reach, Tally, check_faults, help as fault_help, read_faults,
 };
 use crate::publish::{Outgoing, Pace, Published, connect, publish};
-use crate::replay::{CsvMap, Format, ImportError, read_flight};
+use crate::replay::{CsvMap, Format, ImportError, read_flight, write_table};
 use crate::scenario::Scenario;
 use crate::sensors::Outage;
 use crate::simulation::{DEFAULT_RATE_HZ, Simulation, SimulationError, SimulationOptions};
@@ -16,7 +16,7 @@ use shared_types::{logln, outln};
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 use std::cell::Cell;
 use std::ffi::OsString;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
@@ -50,6 +50,7 @@ Examples:
   sim_publisher run --scenario translation --duration 60
   sim_publisher run --scenario rigid-body --rate-hz 400 --jitter-us 300 --seed 7
   sim_publisher run --scenario rigid-body --outage 10:0.5 --outage 20:1 --json
+  sim_publisher run --scenario auv --duration 60 --table dive.csv
   sim_publisher run --scenario rigid-body --duration 20 --faults 'spike@5:2,size=3,every=10; kill@12:1'", fault_help()))]
     Run(RunArgs),
     /// Plays a recorded flight
@@ -58,7 +59,8 @@ Examples:
   sim_publisher replay --format acsl log_20240613_121802.log --airborne-only
   sim_publisher replay --format csv flight.csv --map columns.toml --speed 4
 
-Keys of --column and --map (all SI; a quantity has all of its components or none):
+Keys of --column and --map (all SI; a quantity has all of its components or none). A
+column that bears a key's own name needs no naming; nor does body_velocity_x|y|z:
   time_s, or time with time_unit = s|ms|us|ns;  separator (default ,)
   velocity_x|y|z with velocity_frame = inertial|body;  angular_velocity_x|y|z
   position_x|y|z;  attitude_w|x|y|z;  force_x|y|z;  torque_x|y|z")]
@@ -119,6 +121,9 @@ struct RunArgs {
     /// Faults at stated times, see below, or a file of them; may be repeated
     #[arg(long, value_name = "SPEC|FILE")]
     faults: Vec<String>,
+    /// Write the samples to this file as a table (csv), at once, instead of publishing them
+    #[arg(long, value_name = "FILE", requires = "duration")]
+    table: Option<PathBuf>,
     /// This process publishes for a supervisor, which stops and kills it
     #[arg(long, hide = true)]
     worker: bool,
@@ -172,6 +177,8 @@ enum Failure {
     Client(#[from] ClientError),
     #[error("{0}")]
     Usage(String),
+    #[error("cannot write '{path}': {cause}")]
+    Table { path: String, cause: std::io::Error },
     #[error("cannot listen to signals: {0}")]
     Signals(#[from] std::io::Error),
 }
@@ -182,7 +189,7 @@ impl Failure {
             Self::Client(ClientError::Service(ServiceError::InstanceName(_))) => 2,
             // The worker's own: it said why.
             Self::Supervise(SuperviseError::Ended(code)) => u8::try_from(*code).unwrap_or(1),
-            Self::Client(_) | Self::Signals(_) | Self::Supervise(_) => 1,
+            Self::Client(_) | Self::Signals(_) | Self::Supervise(_) | Self::Table { .. } => 1,
             Self::Simulation(_) | Self::Faults(_) | Self::Import(_) | Self::Domain(_) | Self::Usage(_) => 2,
         }
     }
@@ -253,6 +260,9 @@ fn run(args: &RunArgs) -> Result<(), Failure> {
     let options = options(args);
     let simulation = Simulation::new(&options)?;
     let faults = faults(args, &options)?;
+    if let Some(path) = &args.table {
+        return write_samples(path, simulation, &faults, args);
+    }
     let (name, rate_hz, seed) = (args.scenario.name(), args.rate_hz, args.seed);
     let (published, tallies) = if supervise::is_needed(&faults) && !args.worker {
         let arguments: Vec<OsString> = std::env::args_os().skip(1).collect();
@@ -294,6 +304,29 @@ fn run(args: &RunArgs) -> Result<(), Failure> {
         for Tally { fault, samples } in &tallies {
             outln!("  {fault}: {samples} samples");
         }
+    }
+    Ok(())
+}
+
+/// The samples as a table, in the order in which they would arrive.
+fn write_samples(
+    path: &Path,
+    simulation: Simulation,
+    faults: &[Fault],
+    args: &RunArgs,
+) -> Result<(), Failure> {
+    if supervise::is_needed(faults) {
+        return Err(Failure::Usage("--table: no process is stopped or killed; leave such faults out".into()));
+    }
+    let source = Faulty::new(simulation, Faults::new(faults, args.seed));
+    let samples: Vec<_> =
+        source.filter_map(|outgoing| outgoing.delivery).map(|delivery| delivery.measurement).collect();
+    let cannot_write = |cause| Failure::Table { path: path.display().to_string(), cause };
+    let file = std::fs::File::create(path).map_err(cannot_write)?;
+    write_table(std::io::BufWriter::new(file), &samples).map_err(cannot_write)?;
+    match args.target.json {
+        true => outln!("{}", serde_json::json!({ "samples_written": samples.len(), "file": path })),
+        false => outln!("{} samples written to '{}'", samples.len(), path.display()),
     }
     Ok(())
 }
@@ -515,6 +548,8 @@ mod tests {
             "sim_publisher run --scenario rigid-body --faults service-kill@1:1",
             "sim_publisher run --scenario rotation --faults bias@1:1,size=1",
             "sim_publisher run --scenario rigid-body --duration 5 --faults stop@5:1",
+            "sim_publisher run --scenario auv --table dive.csv",
+            "sim_publisher run --scenario auv --duration 9 --table dive.csv --faults kill@1:1",
             "sim_publisher replay --format acsl /no/such.log",
             "sim_publisher replay --format acsl /no/such.log --column time_s=t",
             "sim_publisher replay --format csv /no/such.csv --speed 0",

@@ -6,7 +6,7 @@
 mod acsl;
 mod table;
 
-pub use table::{CsvMap, MapError, TimeUnit, VelocityAxes};
+pub use table::{CsvMap, MapError, TimeUnit, VelocityAxes, write_table};
 
 use shared_types::Measurement;
 use shared_types::payload::valid;

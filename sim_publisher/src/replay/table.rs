@@ -1,9 +1,12 @@
-//! Any table with a line of column names. Which column is what, a map says: on the command line or as TOML.
+//! Any table with a line of column names. Which column is what, a map says: on the command line or as TOML; columns that
+//! bear the keys' own names, as in a table that is written here, need none.
 
 use super::{Collector, ImportError, RecordedFlight, SkipReason, parse_ns};
 use csv::ByteRecord;
 use serde::Deserialize;
 use shared_types::Measurement;
+use shared_types::payload::{frame, valid};
+use std::io::Write;
 use std::path::Path;
 
 /// Unit of the column `time`.
@@ -42,6 +45,14 @@ pub enum VelocityAxes {
     /// Body axes.
     Body,
 }
+
+const VELOCITY: [&str; 3] = ["velocity_x", "velocity_y", "velocity_z"];
+const BODY_VELOCITY: [&str; 3] = ["body_velocity_x", "body_velocity_y", "body_velocity_z"];
+const ANGULAR_VELOCITY: [&str; 3] = ["angular_velocity_x", "angular_velocity_y", "angular_velocity_z"];
+const POSITION: [&str; 3] = ["position_x", "position_y", "position_z"];
+const ATTITUDE: [&str; 4] = ["attitude_w", "attitude_x", "attitude_y", "attitude_z"];
+const FORCE: [&str; 3] = ["force_x", "force_y", "force_z"];
+const TORQUE: [&str; 3] = ["torque_x", "torque_y", "torque_z"];
 
 /// Which column holds what. All in SI units; a quantity has all of its components or none.
 #[derive(Debug, Clone, PartialEq, Default, Deserialize)]
@@ -153,6 +164,31 @@ impl CsvMap {
         })
     }
 
+    /// This map, and for what it does not name the columns that bear the keys' own names.
+    fn with_own_names(&self, header: &[String]) -> Self {
+        let mut map = self.clone();
+        let is_there = |name: &str| header.iter().any(|column| column == name);
+        if map.time.is_none() && map.time_s.is_none() && is_there("time_s") {
+            map.time_s = Some("time_s".into());
+        }
+        let named = map.velocity_x.is_some() || map.velocity_y.is_some() || map.velocity_z.is_some();
+        if !named && map.velocity_frame.is_none() && BODY_VELOCITY.iter().any(|name| is_there(name)) {
+            [map.velocity_x, map.velocity_y, map.velocity_z] = BODY_VELOCITY.map(|name| Some(name.into()));
+            map.velocity_frame = Some(VelocityAxes::Body);
+        }
+        macro_rules! take {
+            ($($key:ident)*) => {$(
+                if map.$key.is_none() && is_there(stringify!($key)) {
+                    map.$key = Some(stringify!($key).into());
+                }
+            )*};
+        }
+        take!(velocity_x velocity_y velocity_z angular_velocity_x angular_velocity_y angular_velocity_z);
+        take!(position_x position_y position_z attitude_w attitude_x attitude_y attitude_z);
+        take!(force_x force_y force_z torque_x torque_y torque_z);
+        map
+    }
+
     fn time(&self) -> Result<(&str, i128), MapError> {
         match (&self.time_s, &self.time, self.time_unit) {
             (Some(_), Some(_), _) => Err(MapError::Time("both time_s and time are named")),
@@ -234,7 +270,7 @@ impl Places {
             }
             Ok(Some(places))
         }
-        let m = map;
+        let m = &map.with_own_names(&names);
         let (time, ns_per_unit) = m.time()?;
         let velocity = three("velocity", [&m.velocity_x, &m.velocity_y, &m.velocity_z])?;
         let angular_velocity =
@@ -347,11 +383,47 @@ pub(super) fn parse(bytes: &[u8], path: &str, map: &CsvMap) -> Result<RecordedFl
     flight.finish(path, None)
 }
 
+/// Writes samples as a table that is read without a map: `time_s` with nanoseconds, then the columns of every quantity
+/// that any of them has, in SI units, so that they are read as the same numbers; cells without a measurement are empty.
+///
+/// # Errors
+/// What the writer says.
+pub fn write_table(out: impl Write, samples: &[Measurement]) -> std::io::Result<()> {
+    let any = samples.iter().fold(0, |any, sample| any | sample.valid);
+    let is_body = samples.iter().any(|sample| sample.velocity_frame == frame::BODY);
+    let velocity = if is_body { BODY_VELOCITY } else { VELOCITY };
+    type Values = fn(&Measurement) -> &[f64];
+    let quantities: [(u32, &[&str], Values); 6] = [
+        (valid::VELOCITY, &velocity, |sample| &sample.velocity_m_s),
+        (valid::ANGULAR_VELOCITY, &ANGULAR_VELOCITY, |sample| &sample.angular_velocity_rad_s),
+        (valid::POSITION, &POSITION, |sample| &sample.position_m),
+        (valid::ATTITUDE, &ATTITUDE, |sample| &sample.attitude_wxyz),
+        (valid::FORCE, &FORCE, |sample| &sample.force_n),
+        (valid::TORQUE, &TORQUE, |sample| &sample.torque_n_m),
+    ];
+    let written: Vec<_> = quantities.into_iter().filter(|(bit, ..)| any & bit != 0).collect();
+    let mut writer = csv::Writer::from_writer(out);
+    let names = written.iter().flat_map(|(_, names, _)| names.iter().copied());
+    writer.write_record(std::iter::once("time_s").chain(names))?;
+    for sample in samples {
+        let ns = sample.stamp_ns;
+        let mut row = vec![format!("{}.{:09}", ns / 1_000_000_000, ns % 1_000_000_000)];
+        for (bit, names, values) in &written {
+            match sample.has(*bit) {
+                true => row.extend(values(sample).iter().map(f64::to_string)),
+                false => row.extend(names.iter().map(|_| String::new())),
+            }
+        }
+        writer.write_record(&row)?;
+    }
+    writer.flush()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::{Scenario, Simulation, SimulationOptions};
     use proptest::prelude::*;
-    use shared_types::payload::{frame, valid};
 
     fn map(pairs: &[&str]) -> CsvMap {
         CsvMap::read(None, &pairs.iter().map(|pair| (*pair).into()).collect::<Vec<_>>()).unwrap()
@@ -394,6 +466,38 @@ mod tests {
         assert_eq!((second.stamp_ns, second.sequence), (10_001_000, 1));
         assert_eq!(second.valid, valid::RIGID_BODY & !valid::POSITION & !valid::FORCE);
         assert_eq!((flight.skipped_rows(), flight.airborne), (0, None));
+    }
+
+    #[test]
+    fn a_written_table_is_read_as_the_same_samples_without_a_map() {
+        for scenario in [Scenario::RigidBody, Scenario::Auv, Scenario::Rotation, Scenario::Translation] {
+            let options = SimulationOptions { duration_s: Some(3.0), ..SimulationOptions::of(scenario) };
+            let simulation = Simulation::new(&options).unwrap();
+            let samples: Vec<_> = simulation.filter_map(|sample| sample.measurement).collect();
+            let mut table = Vec::new();
+            write_table(&mut table, &samples).unwrap();
+            let read = parse(&table, "a.csv", &CsvMap::default()).unwrap().samples;
+            assert_eq!(read.len(), samples.len());
+            for (read, written) in read.iter().zip(&samples) {
+                // A body to whose velocity no sensor speaks, at this instant, has no frame.
+                let frame =
+                    if written.has(valid::VELOCITY) { written.velocity_frame } else { frame::INERTIAL };
+                let attitude_wxyz = read.attitude_wxyz;
+                assert_eq!(*read, Measurement { attitude_wxyz, velocity_frame: frame, ..*written });
+                for (read, written) in attitude_wxyz.iter().zip(written.attitude_wxyz) {
+                    assert!((read - written).abs() < 1e-15);
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn a_name_that_is_given_wins_over_a_column_that_bears_the_keys_own() {
+        let text = b"time_s,velocity_x,velocity_y,velocity_z,vx\n0,1,2,3,7\n";
+        let flight = parse(text, "a.csv", &map(&["velocity_x=vx"])).unwrap();
+        assert_eq!(flight.samples[0].velocity_m_s, [7.0, 2.0, 3.0]);
+        let lacking = parse(b"time_s,velocity_x,velocity_y\n0,1,2\n", "a.csv", &CsvMap::default());
+        assert!(lacking.unwrap_err().to_string().contains("lacks velocity_z"));
     }
 
     #[test]
