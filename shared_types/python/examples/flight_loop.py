@@ -1,0 +1,81 @@
+"""A vehicle's loop at its own pace: publish a sample, look at the newest estimate, steer by it if it can be trusted.
+
+    daemon run --preset rigid-body &
+    python examples/flight_loop.py
+
+Here the vehicle is a multicopter of 2 kg with a drag that nobody told the service about: it learns it.
+"""
+
+import argparse
+import math
+import time
+
+from observer_client import Vehicle, status_bits
+
+
+def fly(read_sensors, instance="vehicle", root=None, rate_hz=200.0, duration_s=10.0):
+    do_not_fly = status_bits.STALE | status_bits.INVALID | status_bits.WAITING
+    estimate = None
+    with Vehicle(instance, root, patience_s=5.0) as vehicle:
+        start_s = time.monotonic()
+        for tick in range(round(duration_s * rate_hz)):
+            velocity_m_s, angular_velocity_rad_s, attitude_wxyz, force_n = read_sensors(tick / rate_hz)
+            vehicle.publish(
+                velocity_m_s=velocity_m_s,  # inertial; body_velocity_m_s for a Doppler log
+                angular_velocity_rad_s=angular_velocity_rad_s,
+                attitude_wxyz=attitude_wxyz,
+                force_n=force_n,  # what was commanded, inertial axes
+            )
+            estimate = vehicle.latest()  # the newest one, no queue
+            if estimate is None or estimate.status & do_not_fly or estimate.age_s() > 0.1:
+                print("no estimate to fly on")
+            elif tick % 100 == 0:
+                print(f"{estimate.velocity_m_s} m/s, unknown force {estimate.matched_force_n} N, {estimate.words()}")
+            time.sleep(max(0.0, start_s + (tick + 1) / rate_hz - time.monotonic()))
+    return estimate
+
+
+class Multicopter:
+    """The truth, and its sensors. North-east-down: hovering takes a force of -m g along the third axis."""
+
+    MASS_KG, GRAVITY_M_S2, DRAG_N_S_M = 2.0, 9.81, 0.8
+
+    def __init__(self):
+        self.time_s, self.velocity_m_s = 0.0, [0.0, 0.0, 0.0]
+
+    def drag_n(self):
+        return [-self.DRAG_N_S_M * v for v in self.velocity_m_s]
+
+    def sensors(self, time_s):
+        """What is measured at a time, and the force commanded from then on."""
+        steps = max(1, round((time_s - self.time_s) / 1e-3))
+        dt_s = (time_s - self.time_s) / steps
+        for _ in range(steps):
+            pushed = [2.0 * math.sin(1.5 * self.time_s), 2.0 * math.cos(1.1 * self.time_s), 0.5]
+            self.velocity_m_s = [
+                v + dt_s * (push + drag) / self.MASS_KG
+                for v, push, drag in zip(self.velocity_m_s, pushed, self.drag_n())
+            ]
+            self.time_s += dt_s
+        force_n = [
+            2.0 * math.sin(1.5 * time_s),
+            2.0 * math.cos(1.1 * time_s),
+            0.5 - self.MASS_KG * self.GRAVITY_M_S2,
+        ]
+        return self.velocity_m_s, [0.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0], force_n
+
+
+def main():
+    parser = argparse.ArgumentParser(description="a simulated multicopter beside the service")
+    parser.add_argument("--instance", default="vehicle")
+    parser.add_argument("--root", help="root path of the shared memory's domain")
+    parser.add_argument("--duration", type=float, default=10.0, help="seconds")
+    arguments = parser.parse_args()
+    vehicle = Multicopter()
+    estimate = fly(vehicle.sensors, arguments.instance, arguments.root, duration_s=arguments.duration)
+    error_n = math.dist(estimate.matched_force_n, vehicle.drag_n())
+    print(f"drag {vehicle.drag_n()} N; learned {estimate.matched_force_n} N; error {error_n:.3f} N")
+
+
+if __name__ == "__main__":
+    main()
