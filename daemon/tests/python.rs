@@ -342,7 +342,7 @@ fn the_python_client_works_with_a_live_service() {
     let facts_file = tempfile::NamedTempFile::new().unwrap();
     fs::write(facts_file.path(), facts().to_string()).unwrap();
     let output = Command::new(python)
-        .args(["-m", "pytest", "-p", "no:cacheprovider", "--durations=8", "--import-mode=importlib", "-ra"])
+        .args(["-m", "pytest", "-p", "no:cacheprovider", "--durations=8", "-ra"])
         .arg(Path::new(PACKAGE).join("tests"))
         // Neither the package's directory nor anything else of the sources is to be imported by chance.
         .current_dir(env!("CARGO_TARGET_TMPDIR"))

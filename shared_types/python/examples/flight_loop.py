@@ -8,6 +8,7 @@ Here the vehicle is a multicopter of 2 kg with a drag that nobody told the servi
 
 import argparse
 import math
+import random
 import time
 
 from observer_client import Vehicle, status_bits
@@ -30,7 +31,7 @@ def fly(read_sensors, instance="vehicle", root=None, rate_hz=200.0, duration_s=1
             if estimate is None or estimate.status & do_not_fly or estimate.age_s() > 0.1:
                 print("no estimate to fly on")
             elif tick % 100 == 0:
-                print(f"{estimate.velocity_m_s} m/s, unknown force {estimate.matched_force_n} N, {estimate.words()}")
+                print(estimate.velocity_m_s, "m/s, unknown force", estimate.matched_force_n, "N", estimate.words())
             time.sleep(max(0.0, start_s + (tick + 1) / rate_hz - time.monotonic()))
     return estimate
 
@@ -38,31 +39,34 @@ def fly(read_sensors, instance="vehicle", root=None, rate_hz=200.0, duration_s=1
 class Multicopter:
     """The truth, and its sensors. North-east-down: hovering takes a force of -m g along the third axis."""
 
-    MASS_KG, GRAVITY_M_S2, DRAG_N_S_M = 2.0, 9.81, 0.8
+    MASS_KG, GRAVITY_M_S2, DRAG_N_S_M = 2.0, 9.81, 2.0
 
     def __init__(self):
         self.time_s, self.velocity_m_s = 0.0, [0.0, 0.0, 0.0]
+        self.noise = random.Random(1)
 
     def drag_n(self):
         return [-self.DRAG_N_S_M * v for v in self.velocity_m_s]
+
+    def pushed_n(self, time_s):
+        """The commanded force without the weight."""
+        return [4.0 * math.sin(1.5 * time_s), 4.0 * math.cos(1.1 * time_s), 1.0]
 
     def sensors(self, time_s):
         """What is measured at a time, and the force commanded from then on."""
         steps = max(1, round((time_s - self.time_s) / 1e-3))
         dt_s = (time_s - self.time_s) / steps
         for _ in range(steps):
-            pushed = [2.0 * math.sin(1.5 * self.time_s), 2.0 * math.cos(1.1 * self.time_s), 0.5]
+            forces_n = zip(self.pushed_n(self.time_s), self.drag_n())
             self.velocity_m_s = [
-                v + dt_s * (push + drag) / self.MASS_KG
-                for v, push, drag in zip(self.velocity_m_s, pushed, self.drag_n())
+                v + dt_s * (pushed_n + drag_n) / self.MASS_KG for v, (pushed_n, drag_n) in zip(self.velocity_m_s, forces_n)
             ]
             self.time_s += dt_s
-        force_n = [
-            2.0 * math.sin(1.5 * time_s),
-            2.0 * math.cos(1.1 * time_s),
-            0.5 - self.MASS_KG * self.GRAVITY_M_S2,
-        ]
-        return self.velocity_m_s, [0.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0], force_n
+        velocity_m_s = [v + self.noise.gauss(0.0, 0.01) for v in self.velocity_m_s]
+        angular_velocity_rad_s = [self.noise.gauss(0.0, 0.002) for _ in range(3)]
+        force_n = self.pushed_n(time_s)
+        force_n[2] -= self.MASS_KG * self.GRAVITY_M_S2
+        return velocity_m_s, angular_velocity_rad_s, [1.0, 0.0, 0.0, 0.0], force_n
 
 
 def main():

