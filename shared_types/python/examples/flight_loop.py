@@ -18,10 +18,12 @@ def fly(read_sensors, instance="vehicle", root=None, rate_hz=200.0, duration_s=1
     do_not_fly = status_bits.STALE | status_bits.INVALID | status_bits.WAITING
     estimate = None
     with Vehicle(instance, root, patience_s=5.0) as vehicle:
-        start_s = time.monotonic()
+        start_ns = time.monotonic_ns()
         for tick in range(round(duration_s * rate_hz)):
-            velocity_m_s, angular_velocity_rad_s, attitude_wxyz, force_n = read_sensors(tick / rate_hz)
+            stamp_ns = time.monotonic_ns()
+            velocity_m_s, angular_velocity_rad_s, attitude_wxyz, force_n = read_sensors((stamp_ns - start_ns) * 1e-9)
             vehicle.publish(
+                stamp_ns=stamp_ns,  # when the readings were taken
                 velocity_m_s=velocity_m_s,  # inertial; body_velocity_m_s for a Doppler log
                 angular_velocity_rad_s=angular_velocity_rad_s,
                 attitude_wxyz=attitude_wxyz,
@@ -32,7 +34,7 @@ def fly(read_sensors, instance="vehicle", root=None, rate_hz=200.0, duration_s=1
                 print("no estimate to fly on")
             elif tick % 100 == 0:
                 print(estimate.velocity_m_s, "m/s, unknown force", estimate.matched_force_n, "N", estimate.words())
-            time.sleep(max(0.0, start_s + (tick + 1) / rate_hz - time.monotonic()))
+            time.sleep(max(0.0, (tick + 1) / rate_hz - (time.monotonic_ns() - start_ns) * 1e-9))
     return estimate
 
 
@@ -42,30 +44,26 @@ class Multicopter:
     MASS_KG, GRAVITY_M_S2, DRAG_N_S_M = 2.0, 9.81, 2.0
 
     def __init__(self):
-        self.time_s, self.velocity_m_s = 0.0, [0.0, 0.0, 0.0]
+        self.time_s, self.velocity_m_s, self.pushed_n = 0.0, [0.0, 0.0, 0.0], [0.0, 0.0, 0.0]
         self.noise = random.Random(1)
 
     def drag_n(self):
         return [-self.DRAG_N_S_M * v for v in self.velocity_m_s]
-
-    def pushed_n(self, time_s):
-        """The commanded force without the weight."""
-        return [4.0 * math.sin(1.5 * time_s), 4.0 * math.cos(1.1 * time_s), 1.0]
 
     def sensors(self, time_s):
         """What is measured at a time, and the force commanded from then on."""
         steps = max(1, round((time_s - self.time_s) / 1e-3))
         dt_s = (time_s - self.time_s) / steps
         for _ in range(steps):
-            forces_n = zip(self.pushed_n(self.time_s), self.drag_n())
+            forces_n = zip(self.pushed_n, self.drag_n())
             self.velocity_m_s = [
                 v + dt_s * (pushed_n + drag_n) / self.MASS_KG for v, (pushed_n, drag_n) in zip(self.velocity_m_s, forces_n)
             ]
-            self.time_s += dt_s
+        self.time_s = time_s
+        self.pushed_n = [4.0 * math.sin(1.5 * time_s), 4.0 * math.cos(1.1 * time_s), 1.0]
+        force_n = [*self.pushed_n[:2], self.pushed_n[2] - self.MASS_KG * self.GRAVITY_M_S2]
         velocity_m_s = [v + self.noise.gauss(0.0, 0.01) for v in self.velocity_m_s]
         angular_velocity_rad_s = [self.noise.gauss(0.0, 0.002) for _ in range(3)]
-        force_n = self.pushed_n(time_s)
-        force_n[2] -= self.MASS_KG * self.GRAVITY_M_S2
         return velocity_m_s, angular_velocity_rad_s, [1.0, 0.0, 0.0, 0.0], force_n
 
 

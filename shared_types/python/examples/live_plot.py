@@ -57,10 +57,10 @@ class Picture:
                 self.lines["estimate", field, axis] = panel.plot([], [], color=color, label=name)[0]
                 self.lines["truth", field, axis] = panel.plot([], [], "--", color=color, linewidth=1, alpha=0.7)[0]
             panel.set_ylabel(label)
-        velocity.legend(loc="upper left", ncols=3, frameon=False)
+        velocity.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=3, frameon=False)
         self.lines["output_error"] = trust.plot([], [], color="#444444", label="velocity's output error (m/s)")[0]
         self.lines["coasting"] = trust.plot([], [], "|", color="#c1121f", label="coasting, stale or late")[0]
-        trust.legend(loc="upper left", ncols=2, frameon=False)
+        trust.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2, frameon=False)
         trust.set_ylabel("trust")
         trust.set_xlabel("time before the newest estimate (s)")
         trust.set_xlim(-window_s, 0.0)
