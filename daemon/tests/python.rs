@@ -3,8 +3,6 @@
 //!
 //!     UPDATE_PYTHON=1 cargo test -p daemon --test python
 
-mod common;
-
 use iceoryx2::service::static_config::message_type_details::{TypeDetail, TypeVariant};
 use serde_json::{Value, json};
 use shared_types::payload::{
