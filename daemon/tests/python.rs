@@ -6,8 +6,8 @@
 use iceoryx2::service::static_config::message_type_details::{TypeDetail, TypeVariant};
 use serde_json::{Value, json};
 use shared_types::payload::{
-    Channel, Command as Order, Estimate, LatencySummary, Measurement, Rejection, Reply, Status, Truth, command,
-    frame, outcome, real_time, restored, status_bits, valid,
+    Channel, Command as Order, Estimate, LatencySummary, Measurement, Rejection, Reply, Status, Truth,
+    command, frame, outcome, real_time, restored, status_bits, valid,
 };
 use shared_types::{Domain, service};
 use std::fmt::Write as _;
@@ -52,31 +52,100 @@ macro_rules! message {
 fn messages() -> Vec<Message> {
     vec![
         message!(Measurement {
-            sequence, stamp_ns, valid, velocity_frame, velocity_m_s, angular_velocity_rad_s, position_m,
-            attitude_wxyz, force_n, torque_n_m, output, input
+            sequence,
+            stamp_ns,
+            valid,
+            velocity_frame,
+            velocity_m_s,
+            angular_velocity_rad_s,
+            position_m,
+            attitude_wxyz,
+            force_n,
+            torque_n_m,
+            output,
+            input
         }),
         message!(Channel {
-            output_error, activation, power_function, native_norm, solver_error, error_bound, output_age_s
+            output_error,
+            activation,
+            power_function,
+            native_norm,
+            solver_error,
+            error_bound,
+            output_age_s
         }),
         message!(Estimate {
-            sequence, source_sequence, stamp_ns, source_stamp_ns, publish_stamp_ns, status, position_m,
-            velocity_m_s, attitude_wxyz, euler_rad, angular_velocity_rad_s, matched_force_n,
-            matched_torque_n_m, translation, rotation, state, matched_input, linear
+            sequence,
+            source_sequence,
+            stamp_ns,
+            source_stamp_ns,
+            publish_stamp_ns,
+            status,
+            position_m,
+            velocity_m_s,
+            attitude_wxyz,
+            euler_rad,
+            angular_velocity_rad_s,
+            matched_force_n,
+            matched_torque_n_m,
+            translation,
+            rotation,
+            state,
+            matched_input,
+            linear
         }),
         message!(LatencySummary { count, p50, p90, p99, p999, max }),
         message!(Status {
-            sequence, stamp_ns, start_stamp_ns, rate_millihertz, ticks, deadline_misses, samples_accepted,
-            samples_lost, samples_rejected, newest_sequence, newest_sample_age_ns, ticks_coasting,
-            ticks_clamped, state_resets, source_changes, source_pid, other_source_pid, commands,
-            records_dropped, adaptation_frozen, outputs_held_back, outputs_stuck, late_ticks_in_a_row,
-            most_late_ticks_in_a_row, ticks_predict_only, ticks_invalid, real_time_requested,
-            real_time_granted, snapshot_restored, snapshots_saved, snapshots_failed, snapshot_stamp_ns,
-            ticks_recorded, ticks_not_recorded, wake_up_lateness_ns, step_ns, input_age_ns,
+            sequence,
+            stamp_ns,
+            start_stamp_ns,
+            rate_millihertz,
+            ticks,
+            deadline_misses,
+            samples_accepted,
+            samples_lost,
+            samples_rejected,
+            newest_sequence,
+            newest_sample_age_ns,
+            ticks_coasting,
+            ticks_clamped,
+            state_resets,
+            source_changes,
+            source_pid,
+            other_source_pid,
+            commands,
+            records_dropped,
+            adaptation_frozen,
+            outputs_held_back,
+            outputs_stuck,
+            late_ticks_in_a_row,
+            most_late_ticks_in_a_row,
+            ticks_predict_only,
+            ticks_invalid,
+            real_time_requested,
+            real_time_granted,
+            snapshot_restored,
+            snapshots_saved,
+            snapshots_failed,
+            snapshot_stamp_ns,
+            ticks_recorded,
+            ticks_not_recorded,
+            wake_up_lateness_ns,
+            step_ns,
+            input_age_ns,
             source_to_publish_ns
         }),
         message!(Truth {
-            sequence, stamp_ns, position_m, velocity_m_s, attitude_wxyz, angular_velocity_rad_s,
-            matched_force_n, matched_torque_n_m, unmatched_force_n, unmatched_torque_n_m
+            sequence,
+            stamp_ns,
+            position_m,
+            velocity_m_s,
+            attitude_wxyz,
+            angular_velocity_rad_s,
+            matched_force_n,
+            matched_torque_n_m,
+            unmatched_force_n,
+            unmatched_torque_n_m
         }),
         {
             use Order as Command;
@@ -96,23 +165,45 @@ macro_rules! constants {
 fn constants() -> Vec<(&'static str, Vec<(&'static str, u64)>)> {
     let modules = vec![
         constants!(valid {
-            VELOCITY, ANGULAR_VELOCITY, POSITION, ATTITUDE, FORCE, TORQUE, RIGID_BODY, OUTPUT, INPUT, ALL
+            VELOCITY,
+            ANGULAR_VELOCITY,
+            POSITION,
+            ATTITUDE,
+            FORCE,
+            TORQUE,
+            RIGID_BODY,
+            OUTPUT,
+            INPUT,
+            ALL
         }),
         constants!(frame { INERTIAL, BODY }),
         constants!(status_bits {
-            TRACKING, COASTING_TRANSLATION, COASTING_ROTATION, COASTING_LINEAR, COASTING, STALE, ADAPTING,
-            FROZEN, OUTSIDE_CENTERS, REJECTED_SAMPLE, CLAMPED, DIVERGED, WAITING, LATE, PREDICT_ONLY, INVALID,
-            HELD_BACK, STUCK
+            TRACKING,
+            COASTING_TRANSLATION,
+            COASTING_ROTATION,
+            COASTING_LINEAR,
+            COASTING,
+            STALE,
+            ADAPTING,
+            FROZEN,
+            OUTSIDE_CENTERS,
+            REJECTED_SAMPLE,
+            CLAMPED,
+            DIVERGED,
+            WAITING,
+            LATE,
+            PREDICT_ONLY,
+            INVALID,
+            HELD_BACK,
+            STUCK
         }),
         constants!(real_time { PRIORITY, CORES, LOCKED_MEMORY, PUNCTUAL_TIMERS, AWAKE_CORES }),
         constants!(restored { NOTHING, LEARNED, LEARNED_AND_STATE }),
         constants!(command { RESET, FREEZE, THAW, SAVE, STATUS }),
         constants!(outcome { DONE, REFUSED, UNKNOWN }),
     ];
-    let public_modules: Vec<&str> = SOURCE
-        .lines()
-        .filter_map(|line| line.strip_prefix("pub mod ")?.strip_suffix(" {"))
-        .collect();
+    let public_modules: Vec<&str> =
+        SOURCE.lines().filter_map(|line| line.strip_prefix("pub mod ")?.strip_suffix(" {")).collect();
     assert_eq!(public_modules, modules.iter().map(|(name, _)| *name).collect::<Vec<_>>());
     for (module, listed) in &modules {
         let text = item(&format!("pub mod {module} {{"));
@@ -131,7 +222,8 @@ fn item(first_line: &str) -> &'static str {
 /// The documentation above the first line that begins so, as one text.
 fn doc_above(source: &str, begins: &str) -> String {
     let lines: Vec<&str> = source.lines().map(str::trim_start).collect();
-    let at = lines.iter().position(|line| line.starts_with(begins)).unwrap_or_else(|| panic!("no '{begins}'"));
+    let at =
+        lines.iter().position(|line| line.starts_with(begins)).unwrap_or_else(|| panic!("no '{begins}'"));
     let doc: Vec<&str> = lines[..at]
         .iter()
         .rev()
@@ -213,7 +305,8 @@ fn payload_module() -> String {
     };
     text += &words("STATUS_WORDS", "Words for bits of `Estimate.status`.", status_bits::words);
     text += &words("REAL_TIME_WORDS", "Words for bits of `Status.real_time_granted`.", real_time::words);
-    text += "\n\n#: Why samples were rejected, in the order of `Status.samples_rejected`.\nREJECTION_WORDS = (\n";
+    text +=
+        "\n\n#: Why samples were rejected, in the order of `Status.samples_rejected`.\nREJECTION_WORDS = (\n";
     for reason in Rejection::ALL {
         writeln!(text, "    \"{}\",", reason.words()).unwrap();
     }
@@ -278,9 +371,20 @@ fn facts() -> Value {
         })
     });
     let roots = [
-        "/dev/shm/observer-0", "/dev/shm/flight1", "/tmp/a.b-c_d", "/tmp/zürich/x", "/tmp//double/", "/tmp/dot/.",
-        "relative/path", "", "/", "/tmp/..", "/tmp/with space", "/tmp/zürich",
-        "/tmp/0123456789012345678901234567890123456789", "/tmp/01234567890123456789",
+        "/dev/shm/observer-0",
+        "/dev/shm/flight1",
+        "/tmp/a.b-c_d",
+        "/tmp/zürich/x",
+        "/tmp//double/",
+        "/tmp/dot/.",
+        "relative/path",
+        "",
+        "/",
+        "/tmp/..",
+        "/tmp/with space",
+        "/tmp/zürich",
+        "/tmp/0123456789012345678901234567890123456789",
+        "/tmp/01234567890123456789",
     ];
     let domains = roots.map(|root| match Domain::at(Path::new(root)) {
         Ok(domain) => json!({ "root": root, "prefix": domain.prefix() }),
