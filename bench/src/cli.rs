@@ -58,7 +58,8 @@ enum Task {
     Paper(paper::PaperArguments),
     /// Accuracy on a recorded flight, beside a Kalman filter; offline. Or: whether a flight record replays to the bit.
     #[command(
-        after_help = "Examples:\n  bench replay --format acsl log_20240613_121802.log --plot coasts.png\n  bench replay --check flight.rec"
+        after_help = "Examples:\n  bench replay --format acsl log_20240613_121802.log --plot coasts.png\n  bench replay --format csv flight.csv --config vehicle.toml --coast-s 2
+  bench replay --check flight.rec"
     )]
     Replay(replay::ReplayArguments),
 }

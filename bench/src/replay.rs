@@ -1,7 +1,7 @@
 //! `bench replay`: how well the observer predicts a recorded flight, beside a Kalman filter.
 //!
 //! On the same samples, over the second half of the time in the air: the error of the next sample's
-//! prediction, and the error after a coast of 0.5 s with the recorded commands, started every 0.25 s; and
+//! prediction, and the error after a coast of `--coast-s` with the recorded commands, started every 0.25 s; and
 //! the same coasts over the whole flight but its first 2 s, learning as it goes. The Kalman filter's q is
 //! swept, and each of its columns shows the best of all q: in its favour.
 
@@ -20,8 +20,6 @@ use shared_types::{logln, outln};
 use sim_publisher::{CsvMap, Format, read_flight};
 use std::path::PathBuf;
 
-/// Length of a coast (s).
-const COAST_S: f64 = 0.5;
 /// From one coast's start to the next (s).
 const COAST_EVERY_S: f64 = 0.25;
 /// Coasts over the whole flight start after this (s).
@@ -41,7 +39,7 @@ pub struct ReplayArguments {
     #[arg(long, value_enum, required_unless_present = "check")]
     format: Option<Format>,
     /// The file is a record of `daemon run --record`: replay it and compare every estimate to the bit.
-    #[arg(long, conflicts_with_all = ["format", "config", "preset", "column", "map", "plot"])]
+    #[arg(long, conflicts_with_all = ["format", "config", "preset", "column", "map", "plot", "coast_s"])]
     check: bool,
     /// Configuration file [default: preset acsl-x8 for --format acsl, rigid-body otherwise].
     #[arg(long, value_name = "FILE", conflicts_with = "preset")]
@@ -49,6 +47,9 @@ pub struct ReplayArguments {
     /// Built-in configuration.
     #[arg(long, value_name = "NAME")]
     preset: Option<String>,
+    /// Length of the coasts: that of the outages to be expected.
+    #[arg(long, value_name = "S", default_value_t = 0.5)]
+    coast_s: f64,
     /// For --format csv: which column holds what, as quantity=column; may be given several times.
     #[arg(long, value_name = "QUANTITY=COLUMN")]
     column: Vec<String>,
@@ -86,7 +87,11 @@ struct Document {
     samples: usize,
     samples_rejected: usize,
     rows_skipped: usize,
+    /// Least and greatest measured velocity of each axis: where kernel centers are needed.
+    lowest_velocity_m_s: [f64; 3],
+    highest_velocity_m_s: [f64; 3],
     evaluated_s: f64,
+    coast_s: f64,
     coasts: usize,
     rows: Vec<Row>,
 }
@@ -116,7 +121,7 @@ pub fn run(arguments: &ReplayArguments) -> anyhow::Result<()> {
         flown.samples.iter().filter_map(|m| sample_of(m, &config.config.input).ok()).collect();
     let samples_rejected = flown.samples.len() - samples.len();
 
-    let flight = Flight::new(samples)?;
+    let flight = Flight::new(samples, arguments.coast_s)?;
     let translation = config.config.translation.as_ref().context("the configuration has no [translation]")?;
     let known_force_n = translation.mass_kg * Vector3::from(translation.gravity_m_s2)
         + Vector3::from(translation.known_force_n);
@@ -149,6 +154,9 @@ pub fn run(arguments: &ReplayArguments) -> anyhow::Result<()> {
         samples_rejected,
         rows_skipped: flown.skipped_rows(),
         evaluated_s: flight.seconds_from(flight.half, flight.samples.len() - 1),
+        lowest_velocity_m_s: flight.extreme_velocity(f64::min),
+        highest_velocity_m_s: flight.extreme_velocity(f64::max),
+        coast_s: flight.coast_s,
         coasts: learning.coasts.len(),
         rows: vec![
             row("observer", &learning),
@@ -177,19 +185,24 @@ pub fn run(arguments: &ReplayArguments) -> anyhow::Result<()> {
 fn print_table(document: &Document) {
     outln!(
         "{} with {}: {} samples used, {} rejected, {} rows skipped\n\
-         RMS of the velocity error's norm over the last {:.1} s in the air; {} coasts of {COAST_S} s, one every {COAST_EVERY_S} s\n\
+         velocities flown: {:.1?} to {:.1?} m/s; centers are needed there\n\
+         RMS of the velocity error's norm over the last {:.1} s in the air; {} coasts of {} s, one every {COAST_EVERY_S} s\n\
          (and coasts over the whole flight but its first {LEARN_IN_S} s)",
         document.file,
         document.configuration,
         document.samples,
         document.samples_rejected,
         document.rows_skipped,
+        document.lowest_velocity_m_s,
+        document.highest_velocity_m_s,
         document.evaluated_s,
         document.coasts,
+        document.coast_s,
     );
     let mut table = Table::new();
     table.load_style(UTF8_FULL_CONDENSED);
-    table.set_header(["estimator", "next sample (m/s)", "0.5 s coast (m/s)", "coast, whole flight (m/s)"]);
+    let coast = format!("{} s coast (m/s)", document.coast_s);
+    table.set_header(["estimator", "next sample (m/s)", &coast, "coast, whole flight (m/s)"]);
     for row in &document.rows {
         let with_q = |value: f64, q: Option<f64>| match q {
             Some(q) => format!("{value:.4}  (q = {q} N²/s)"),
@@ -205,14 +218,16 @@ fn print_table(document: &Document) {
     outln!("{table}");
 }
 
-/// Samples with an inertial velocity each, and where their second half begins.
+/// Samples with an inertial velocity each, where their second half begins, and how long they are to be coasted.
 struct Flight {
     samples: Vec<Sample>,
     half: usize,
+    coast_s: f64,
 }
 
 impl Flight {
-    fn new(samples: Vec<Sample>) -> anyhow::Result<Self> {
+    fn new(samples: Vec<Sample>, coast_s: f64) -> anyhow::Result<Self> {
+        ensure!(coast_s > 0.0 && coast_s <= 3600.0, "--coast-s {coast_s}: needed: above 0, at most 3600 s");
         let start = samples.iter().position(|sample| sample.velocity.is_some()).unwrap_or(samples.len());
         let samples = samples[start..].to_vec();
         let body = samples.iter().any(|sample| matches!(sample.velocity, Some(Velocity::Body(_))));
@@ -229,18 +244,23 @@ impl Flight {
             _ => 0.0,
         };
         ensure!(
-            duration_s >= 4.0 * COAST_S,
-            "{duration_s:.2} s of usable samples in the air; needed: at least {} s",
-            4.0 * COAST_S
+            duration_s >= 4.0 * coast_s,
+            "{duration_s:.2} s of usable samples in the air; needed: at least {} s, four coasts",
+            4.0 * coast_s
         );
         let half_ns = samples[0].stamp_ns + (duration_s / 2.0 * 1e9) as u64;
         let half =
             samples.iter().position(|sample| sample.stamp_ns >= half_ns).expect("the last one is later");
-        Ok(Self { samples, half })
+        Ok(Self { samples, half, coast_s })
     }
 
     fn seconds_from(&self, from: usize, to: usize) -> f64 {
         (self.samples[to].stamp_ns - self.samples[from].stamp_ns) as f64 / 1e9
+    }
+
+    fn extreme_velocity(&self, extreme: fn(f64, f64) -> f64) -> [f64; 3] {
+        let velocities = (0..self.samples.len()).filter_map(|index| self.velocity(index));
+        velocities.reduce(|a, b| a.zip_map(&b, extreme)).expect("the first sample has one").into()
     }
 
     fn velocity(&self, index: usize) -> Option<Vector3<f64>> {
@@ -370,7 +390,7 @@ fn coast_from(
     start: usize,
     mut estimator: impl Estimator,
 ) -> anyhow::Result<Option<(Path, Vector3<f64>)>> {
-    let end_ns = flight.samples[start].stamp_ns + (COAST_S * 1e9) as u64;
+    let end_ns = flight.samples[start].stamp_ns + (flight.coast_s * 1e9) as u64;
     let mut path = vec![(flight.samples[start].stamp_ns, estimator.predict(flight.samples[start].stamp_ns))];
     for index in start + 1..flight.samples.len() {
         let sample = &flight.samples[index];
@@ -413,9 +433,10 @@ fn draw(file: &std::path::Path, flight: &Flight, ours: &Accuracy, kalman: &Accur
                     Some((seconds(flight.samples[index].stamp_ns), flight.velocity(index)?[axis]))
                 })
                 .collect();
-            // Every second coast, so that they do not overlap; a break between two.
+            // So many that they do not overlap; a break between two.
+            let every = (flight.coast_s / COAST_EVERY_S).ceil() as usize;
             let coasts = |accuracy: &Accuracy| {
-                let paths = accuracy.coasts.iter().step_by(2);
+                let paths = accuracy.coasts.iter().step_by(every);
                 paths
                     .flat_map(|path| {
                         let points = path.iter().map(move |(stamp_ns, v)| (seconds(*stamp_ns), v[axis]));
@@ -443,7 +464,8 @@ fn draw(file: &std::path::Path, flight: &Flight, ours: &Accuracy, kalman: &Accur
             }
         })
         .collect();
-    plot::draw_to(file, "Velocity predicted for 0.5 s without measurements", "time in the air (s)", &panels)
+    let title = format!("Velocity predicted for {} s without measurements", flight.coast_s);
+    plot::draw_to(file, &title, "time in the air (s)", &panels)
 }
 
 #[cfg(test)]
@@ -464,7 +486,7 @@ mod tests {
                 }
             })
             .collect();
-        let flight = Flight::new(samples).unwrap();
+        let flight = Flight::new(samples, 0.5).unwrap();
         let config = ConfigFile::preset("acsl-x8").unwrap();
         let ours = evaluate(&flight, ObserverEstimator(config.observer().unwrap())).unwrap();
         let filter = |velocity: &Vector3<f64>| KalmanFilter::new(2.2, 0.0, 0.01, velocity);
@@ -483,7 +505,7 @@ mod tests {
             force_n: Some(Vector3::zeros()),
             ..Sample::default()
         };
-        let flight = Flight::new(vec![sample; 3]).err().unwrap().to_string();
+        let flight = Flight::new(vec![sample; 3], 0.5).err().unwrap().to_string();
         assert!(flight.contains("0.00 s") && flight.contains("at least 2 s"), "{flight}");
     }
 }
