@@ -1,6 +1,6 @@
 //! The command line of `bench`.
 
-use crate::{demo, ipc, jitter, load, paper, replay, service, soak, step};
+use crate::{demo, ipc, jitter, load, paper, replay, service, soak, step, tune};
 use clap::{Parser, Subcommand};
 use daemon::config::ConfigError;
 use rustix::process::{Signal, set_parent_process_death_signal};
@@ -62,6 +62,12 @@ enum Task {
   bench replay --check flight.rec"
     )]
     Replay(replay::ReplayArguments),
+    /// A configuration for a recorded flight: gain, adaptation rate, length scale, dead zone and centers, searched on its
+    /// first half and judged on its second.
+    #[command(
+        after_help = "Examples:\n  bench tune log_20240613_121802.log --out x8.toml\n  bench tune flight.csv --config vehicle.toml --mass --coast-s 2"
+    )]
+    Tune(tune::TuneArguments),
 }
 
 /// Runs `bench` with these arguments, the program's name first.
@@ -99,6 +105,7 @@ pub fn main_with_args(args: impl IntoIterator<Item = OsString>) -> ExitCode {
         Task::Soak(arguments) => soak::run(arguments),
         Task::Paper(arguments) => paper::run(arguments),
         Task::Replay(arguments) => replay::run(arguments),
+        Task::Tune(arguments) => tune::run(arguments),
     })
 }
 

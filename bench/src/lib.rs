@@ -11,6 +11,8 @@
 //! | [`jitter`] | `bench jitter` | how late the service's cycle wakes up, beside cyclictest |
 //! | [`load`] | `bench load` | what further readers and further vehicles cost |
 //! | [`replay`] | `bench replay` | accuracy on a recorded flight, beside a Kalman filter |
+//! | [`tune`] | `bench tune` | a configuration for a recorded flight, by the same figures |
+//! | `accuracy`, `flight` | | how well an estimator predicts a recorded flight |
 //! | [`kalman`] | | that filter |
 //! | [`plot`] | | figures |
 //! | `latency` | | quantiles and histograms |
@@ -18,10 +20,12 @@
 //! | `processes` | | the programs as processes in a domain of their own |
 //! | `machine` | | what machine the figures are of |
 
+mod accuracy;
 mod check;
 pub mod cli;
 pub mod demo;
 mod exchange;
+mod flight;
 pub mod ipc;
 pub mod jitter;
 pub mod kalman;
@@ -35,3 +39,4 @@ pub mod replay;
 pub mod service;
 pub mod soak;
 pub mod step;
+pub mod tune;

@@ -23,6 +23,17 @@ pub enum Format {
     Csv,
 }
 
+impl Format {
+    /// The format that a file's ending tells, if any.
+    pub fn of(path: &Path) -> Option<Self> {
+        match path.extension()?.to_str()?.to_ascii_lowercase().as_str() {
+            "log" => Some(Self::Acsl),
+            "csv" => Some(Self::Csv),
+            _ => None,
+        }
+    }
+}
+
 /// Why a file cannot be replayed.
 #[derive(Debug, thiserror::Error)]
 pub enum ImportError {

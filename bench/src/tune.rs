@@ -1,0 +1,455 @@
+//! `bench tune`: searches a configuration of the translation on the first half of a recorded flight.
+//!
+//! The second half is never looked at before the end. Of the first half, the time after the first 2 s is cut into
+//! blocks, and what is minimised is the mean over the blocks of
+//!
+//! `J = w ln(c / c₀) + (1 − w) ln(s / s₀)`
+//!
+//! with c the RMS error after a coast, s that of the next sample's prediction, and ₀ those of the configuration to start
+//! from: ratios, so that one wild manoeuvre counts no more than a calm minute. The search (Nelder–Mead, from several
+//! simplices) runs in the logarithms of λ, Γ, ℓ, the dead zone and the centers' spacing over ℓ; what the observer refuses as
+//! unstable costs more than anything else, so that nothing outside of the provably stable set is ever chosen.
+//! Cross-validated over time: for each block, the candidate that is best on the others is judged on it.
+
+use crate::accuracy::{Finding, Flight, MeanSquare, ObserverEstimator, best, evaluate, evaluate_kalman, fly};
+use crate::flight::{FlightArguments, Replay};
+use anyhow::{Context, ensure};
+use argmin::core::{CostFunction, Executor};
+use argmin::solver::neldermead::NelderMead;
+use clap::Args;
+use comfy_table::{Table, presets::UTF8_FULL_CONDENSED};
+use daemon::config::{ConfigFile, LengthScaleConfig, SymmetricMatrix, TranslationConfig};
+use indicatif::{ProgressBar, ProgressStyle};
+use serde::Serialize;
+use shared_types::outln;
+use std::cell::RefCell;
+use std::path::PathBuf;
+
+/// Blocks of the cross-validation.
+const N_BLOCKS: usize = 3;
+/// Most centers that are tried: the exact solver's.
+const MOST_CENTERS: usize = 1000;
+/// What a candidate costs that is refused, or lies outside of the bounds; no real one comes near.
+const REFUSED: f64 = 1e3;
+/// Factors on λ, Γ, ℓ, the dead zone and the spacing from which the searches start.
+const STARTS: [[f64; 5]; 4] =
+    [[1.0; 5], [1.0, 0.1, 1.0, 1.0, 1.0], [2.0, 1.0, 2.0, 0.5, 1.0], [0.5, 0.2, 0.5, 1.0, 1.0]];
+/// Edge of the first simplex, as a factor.
+const EDGE: f64 = 1.6;
+
+/// Arguments of `bench tune`.
+#[derive(Debug, Args)]
+pub struct TuneArguments {
+    #[command(flatten)]
+    flight: FlightArguments,
+    /// The nominal mass too, within a quarter of its value: where nobody weighed the vehicle as it flies.
+    #[arg(long)]
+    mass: bool,
+    /// How much the coasts count beside the next sample's prediction, 0 … 1.
+    #[arg(long, value_name = "W", default_value_t = 0.8)]
+    coast_weight: f64,
+    /// Configurations that are tried, about.
+    #[arg(long, value_name = "N", default_value_t = 600)]
+    evaluations: u64,
+    /// Where the configuration is written; not at all where it is no better.
+    #[arg(long, value_name = "FILE", default_value = "tuned.toml")]
+    out: PathBuf,
+    /// Print one JSON document.
+    #[arg(long)]
+    json: bool,
+}
+
+/// Errors of one configuration on one part of the flight (m/s).
+#[derive(Debug, Clone, Copy, Serialize)]
+struct Errors {
+    one_step_rms_m_s: f64,
+    coast_rms_m_s: f64,
+}
+
+/// What `--json` prints.
+#[derive(Debug, Serialize)]
+struct Document {
+    file: String,
+    start: String,
+    improved: bool,
+    written: Option<String>,
+    evaluations: usize,
+    refused_as_unstable_or_out_of_bounds: usize,
+    coast_s: f64,
+    /// Of the first half, on which it was tuned: before, after.
+    tuned_on: [Errors; 2],
+    /// Coast error of each block over that of the start, by the candidate that is best on the other blocks.
+    cross_validated_coast_ratio: f64,
+    /// Of the second half, which the search never saw: before, after.
+    second_half: [Errors; 2],
+    /// The best of each of a Kalman filter's columns there.
+    kalman_second_half: Errors,
+    values: Values,
+}
+
+/// What was found.
+#[derive(Debug, Clone, Copy, Serialize)]
+struct Values {
+    mass_kg: f64,
+    gain_per_s: f64,
+    adaptation_rate_kg_s2: f64,
+    length_scale_m_s: f64,
+    dead_zone_width_m_s: f64,
+    centers_lower_m_s: [f64; 3],
+    centers_upper_m_s: [f64; 3],
+    centers_per_axis: [usize; 3],
+}
+
+/// A candidate that was tried: its coordinates and its block costs' parts, ln of coast and step error.
+struct Tried {
+    coordinates: Vec<f64>,
+    blocks: Vec<[f64; 2]>,
+}
+
+/// The search's side: coordinates to configurations to costs.
+struct Search<'a> {
+    start: &'a ConfigFile,
+    base: Values,
+    flight: &'a Flight,
+    coast_weight: f64,
+    with_mass: bool,
+    reference: Vec<[f64; 2]>,
+    tried: RefCell<Vec<Tried>>,
+    refused: RefCell<usize>,
+    bar: &'a ProgressBar,
+}
+
+/// Runs `bench tune`.
+///
+/// # Errors
+/// The flight or the configuration cannot be used, or the result not be written.
+pub fn run(arguments: &TuneArguments) -> anyhow::Result<()> {
+    let weight = arguments.coast_weight;
+    ensure!((0.0..=1.0).contains(&weight), "--coast-weight {weight}: needed: 0 … 1");
+    let Replay { config: start, flight, .. } = arguments.flight.read()?;
+    let translation = start.config.translation.as_ref().context("the configuration has no [translation]")?;
+    start.observer()?;
+    let first_half = flight.first_half()?;
+    let base = values_of(translation, &first_half)?;
+
+    let bar = ProgressBar::new(arguments.evaluations).with_style(
+        ProgressStyle::with_template("{bar:40} {pos}/{len} configurations, {eta} left; best {msg}")
+            .expect("a valid template"),
+    );
+    let mut search = Search {
+        start: &start,
+        base,
+        flight: &first_half,
+        coast_weight: weight,
+        with_mass: arguments.mass,
+        reference: Vec::new(),
+        tried: RefCell::default(),
+        refused: RefCell::default(),
+        bar: &bar,
+    };
+    search.reference = block_errors(&first_half, &start)?;
+    let n_evaluations = search.descend(arguments.evaluations)?;
+    bar.finish_and_clear();
+
+    let tried = search.tried.take();
+    let coordinates = &search.best_of(&tried, None).context("every configuration was refused")?.coordinates;
+    let values = search.values(coordinates).context("the best one is within the bounds")?;
+    let tuned = search.config(&values);
+    let errors = |config: &ConfigFile, flight: &Flight| -> anyhow::Result<Errors> {
+        let accuracy = evaluate(flight, ObserverEstimator(config.observer()?))?;
+        let (one_step_rms_m_s, coast_rms_m_s) = (accuracy.one_step_rms_m_s, accuracy.coast_rms_m_s);
+        Ok(Errors { one_step_rms_m_s, coast_rms_m_s })
+    };
+    let second_half = [errors(&start, &flight)?, errors(&tuned, &flight)?];
+    let kalman = evaluate_kalman(&flight, translation)?;
+    let improved = second_half[1].coast_rms_m_s < second_half[0].coast_rms_m_s;
+    let mut document = Document {
+        file: arguments.flight.file.display().to_string(),
+        start: start.name().to_owned(),
+        improved,
+        written: None,
+        evaluations: n_evaluations,
+        refused_as_unstable_or_out_of_bounds: search.refused.take(),
+        coast_s: flight.coast_s,
+        tuned_on: [pooled(&search.reference), pooled(&block_errors(&first_half, &tuned)?)],
+        cross_validated_coast_ratio: search.cross_validated(&tried),
+        second_half,
+        kalman_second_half: Errors {
+            one_step_rms_m_s: best(&kalman, |accuracy| accuracy.one_step_rms_m_s).1.one_step_rms_m_s,
+            coast_rms_m_s: best(&kalman, |accuracy| accuracy.coast_rms_m_s).1.coast_rms_m_s,
+        },
+        values,
+    };
+    if improved {
+        let text = head(&document) + &tuned.commented_toml();
+        let file = arguments.out.display().to_string();
+        std::fs::write(&arguments.out, text).with_context(|| format!("cannot write '{file}'"))?;
+        document.written = Some(file);
+    }
+    match arguments.json {
+        true => outln!("{}", serde_json::to_string_pretty(&document)?),
+        false => print(&document),
+    }
+    Ok(())
+}
+
+/// The start's own numbers; the box of its centers widened to the velocities flown, with a tenth of their range to spare.
+fn values_of(translation: &TranslationConfig, flight: &Flight) -> anyhow::Result<Values> {
+    let lattice =
+        (translation.centers_lower_m_s, translation.centers_upper_m_s, translation.centers_per_axis);
+    let (Some(lower), Some(upper), Some(per_axis)) = lattice else {
+        anyhow::bail!("the configuration lists its centers; needed: a lattice (centers_lower_m_s and so on)");
+    };
+    let (lowest, highest) = (flight.extreme_velocity(f64::min), flight.extreme_velocity(f64::max));
+    let room: [f64; 3] = std::array::from_fn(|axis| 0.1 * (highest[axis] - lowest[axis]));
+    let length_scale_m_s = match &translation.length_scale_m_s {
+        LengthScaleConfig::Isotropic(scale) => *scale,
+        LengthScaleConfig::PerAxis(scales) => scales.iter().sum::<f64>() / scales.len() as f64,
+    };
+    let adaptation_rate_kg_s2 = match translation.adaptation_rate_kg_s2 {
+        SymmetricMatrix::Scalar(rate) => rate,
+        SymmetricMatrix::Diagonal(rates) => rates.iter().sum::<f64>() / 3.0,
+        SymmetricMatrix::Full(rows) => (rows[0][0] + rows[1][1] + rows[2][2]) / 3.0,
+    };
+    Ok(Values {
+        mass_kg: translation.mass_kg,
+        gain_per_s: translation.gain_per_s,
+        adaptation_rate_kg_s2,
+        length_scale_m_s,
+        dead_zone_width_m_s: translation.dead_zone_width_m_s,
+        centers_lower_m_s: std::array::from_fn(|axis| lower[axis].min(lowest[axis] - room[axis])),
+        centers_upper_m_s: std::array::from_fn(|axis| upper[axis].max(highest[axis] + room[axis])),
+        centers_per_axis: per_axis,
+    })
+}
+
+impl Search<'_> {
+    /// Coordinates: logarithms of the factors on λ, Γ, ℓ and d, of the spacing over ℓ, and of the factor on m.
+    fn values(&self, coordinates: &[f64]) -> Option<Values> {
+        let factor = |index: usize| coordinates[index].exp();
+        let base = &self.base;
+        let mass_factor = if self.with_mass { factor(5) } else { 1.0 };
+        let length_scale_m_s = base.length_scale_m_s * factor(2);
+        let spacing_m_s = length_scale_m_s * factor(4);
+        let centers_per_axis: [usize; 3] = std::array::from_fn(|axis| {
+            let edge_m_s = base.centers_upper_m_s[axis] - base.centers_lower_m_s[axis];
+            // A float becomes the nearest usize, whatever it is.
+            ((edge_m_s / spacing_m_s).round() as usize).saturating_add(1).max(2)
+        });
+        let n_centers = centers_per_axis.iter().fold(1_usize, |n, &each| n.saturating_mul(each));
+        let within = coordinates.iter().all(|c| c.abs() < 50_f64.ln())
+            && (0.75..=1.25).contains(&mass_factor)
+            && (0.2..=2.0).contains(&factor(4))
+            && n_centers <= MOST_CENTERS;
+        within.then(|| Values {
+            mass_kg: base.mass_kg * mass_factor,
+            gain_per_s: base.gain_per_s * factor(0),
+            adaptation_rate_kg_s2: base.adaptation_rate_kg_s2 * factor(1),
+            length_scale_m_s,
+            dead_zone_width_m_s: base.dead_zone_width_m_s * factor(3),
+            centers_per_axis,
+            ..*base
+        })
+    }
+
+    fn config(&self, values: &Values) -> ConfigFile {
+        let mut file = self.start.clone();
+        let translation = file.config.translation.as_mut().expect("the start has one");
+        let buffer_ratio = translation.dead_zone_buffer_m_s / translation.dead_zone_width_m_s;
+        translation.mass_kg = values.mass_kg;
+        translation.gain_per_s = values.gain_per_s;
+        translation.adaptation_rate_kg_s2 = SymmetricMatrix::Scalar(values.adaptation_rate_kg_s2);
+        translation.length_scale_m_s = LengthScaleConfig::Isotropic(values.length_scale_m_s);
+        translation.dead_zone_width_m_s = values.dead_zone_width_m_s;
+        translation.dead_zone_buffer_m_s = values.dead_zone_width_m_s * buffer_ratio;
+        translation.centers_lower_m_s = Some(values.centers_lower_m_s);
+        translation.centers_upper_m_s = Some(values.centers_upper_m_s);
+        translation.centers_per_axis = Some(values.centers_per_axis);
+        file
+    }
+
+    /// Nelder–Mead from each start, then once more from the best of all.
+    fn descend(&self, n_evaluations: u64) -> anyhow::Result<usize> {
+        let spacing = {
+            let edge_m_s = self.base.centers_upper_m_s[0] - self.base.centers_lower_m_s[0];
+            edge_m_s / (self.base.centers_per_axis[0] - 1).max(1) as f64 / self.base.length_scale_m_s
+        };
+        let mut n_done = 0;
+        let each = n_evaluations / (STARTS.len() as u64 + 1);
+        for round in 0..=STARTS.len() {
+            let corner = match STARTS.get(round) {
+                Some(factors) => {
+                    let mut corner: Vec<f64> = factors.iter().map(|factor| factor.ln()).collect();
+                    corner[4] += spacing.clamp(0.25, 1.8).ln();
+                    corner.extend(self.with_mass.then_some(0.0));
+                    corner
+                }
+                None => match self.best_of(&self.tried.borrow(), None) {
+                    Some(tried) => tried.coordinates.clone(),
+                    None => break,
+                },
+            };
+            let mut simplex = vec![corner.clone()];
+            for axis in 0..corner.len() {
+                let edge = if axis == 5 { 1.05_f64.ln() } else { EDGE.ln() };
+                let mut point = corner.clone();
+                point[axis] += if axis % 2 == 0 { edge } else { -edge };
+                simplex.push(point);
+            }
+            // An iteration of Nelder–Mead costs one or two evaluations, a shrinking more.
+            let solver = NelderMead::new(simplex).with_sd_tolerance(1e-4)?;
+            let before = self.tried.borrow().len() + *self.refused.borrow();
+            let result =
+                Executor::new(Shared(self), solver).configure(|state| state.max_iters(each * 2 / 3)).run()?;
+            ensure!(result.state().get_best_cost().is_finite(), "the search found no finite cost");
+            n_done += self.tried.borrow().len() + *self.refused.borrow() - before;
+        }
+        Ok(n_done)
+    }
+
+    /// Mean over the blocks, or over all but one.
+    fn cost_of(&self, blocks: &[[f64; 2]], without: Option<usize>) -> f64 {
+        let kept: Vec<f64> = (0..blocks.len())
+            .filter(|block| Some(*block) != without)
+            .map(|block| {
+                let ([coast, step], [coast_0, step_0]) = (blocks[block], self.reference[block]);
+                self.coast_weight * (coast / coast_0).ln() + (1.0 - self.coast_weight) * (step / step_0).ln()
+            })
+            .collect();
+        kept.iter().sum::<f64>() / kept.len() as f64
+    }
+
+    fn best_of<'t>(&self, tried: &'t [Tried], without: Option<usize>) -> Option<&'t Tried> {
+        let cost = |tried: &Tried| self.cost_of(&tried.blocks, without);
+        tried.iter().min_by(|a, b| cost(a).total_cmp(&cost(b)))
+    }
+
+    /// Geometric mean over the blocks of the coast error's ratio to the start's, each by what is best on the others.
+    fn cross_validated(&self, tried: &[Tried]) -> f64 {
+        let logs: Vec<f64> = (0..self.reference.len())
+            .filter_map(|block| {
+                let chosen = self.best_of(tried, Some(block))?;
+                Some((chosen.blocks[block][0] / self.reference[block][0]).ln())
+            })
+            .collect();
+        (logs.iter().sum::<f64>() / logs.len() as f64).exp()
+    }
+}
+
+/// What argmin takes by value.
+struct Shared<'a, 'b>(&'a Search<'b>);
+
+impl CostFunction for Shared<'_, '_> {
+    type Param = Vec<f64>;
+    type Output = f64;
+
+    fn cost(&self, coordinates: &Vec<f64>) -> Result<f64, argmin::core::Error> {
+        let search = self.0;
+        search.bar.inc(1);
+        let far = coordinates.iter().map(|c| c.abs()).sum::<f64>();
+        let config = search.values(coordinates).map(|values| search.config(&values));
+        let blocks = config.and_then(|config| block_errors(search.flight, &config).ok());
+        let Some(blocks) = blocks.filter(|blocks| blocks.iter().flatten().all(|e| e.is_finite())) else {
+            *search.refused.borrow_mut() += 1;
+            return Ok(REFUSED + far);
+        };
+        let cost = search.cost_of(&blocks, None);
+        let mut tried = search.tried.borrow_mut();
+        tried.push(Tried { coordinates: coordinates.clone(), blocks });
+        let best = search.best_of(&tried, None).map_or(cost, |best| search.cost_of(&best.blocks, None));
+        search.bar.set_message(format!("{:.1} % off the start's errors", 100.0 * (1.0 - best.exp())));
+        Ok(cost)
+    }
+}
+
+/// RMS errors of coast and next sample in each block.
+fn block_errors(flight: &Flight, config: &ConfigFile) -> anyhow::Result<Vec<[f64; 2]>> {
+    let mut sums: Vec<[MeanSquare; 2]> = (0..N_BLOCKS).map(|_| Default::default()).collect();
+    let learned_in = flight.half;
+    let length = (flight.samples.len() - learned_in).div_ceil(N_BLOCKS);
+    fly(flight, ObserverEstimator(config.observer()?), |index, finding| {
+        let Some(after) = index.checked_sub(learned_in) else { return };
+        let block = &mut sums[after / length];
+        match finding {
+            Finding::Coast(_, error) => block[0].add(&error),
+            Finding::NextSample(error) => block[1].add(&error),
+        }
+    })?;
+    Ok(sums.iter().map(|[coast, step]| [coast.root(), step.root()]).collect())
+}
+
+/// Of blocks of the same length.
+fn pooled(blocks: &[[f64; 2]]) -> Errors {
+    let root = |which: usize| {
+        (blocks.iter().map(|block| block[which].powi(2)).sum::<f64>() / blocks.len() as f64).sqrt()
+    };
+    Errors { coast_rms_m_s: root(0), one_step_rms_m_s: root(1) }
+}
+
+/// The first lines of the written configuration.
+fn head(document: &Document) -> String {
+    let [before, after] = document.second_half;
+    let [trained_before, trained_after] = document.tuned_on;
+    format!(
+        "# Tuned by `bench tune` on the first half of {}, starting from {}.\n\
+         # Coast of {} s: {:.4} m/s before, {:.4} after, on the second half, which the search never saw;\n\
+         # {:.4} and {:.4} on the half it was tuned on. Next sample: {:.4} and {:.4} m/s on the second half.\n",
+        document.file,
+        document.start,
+        document.coast_s,
+        before.coast_rms_m_s,
+        after.coast_rms_m_s,
+        trained_before.coast_rms_m_s,
+        trained_after.coast_rms_m_s,
+        before.one_step_rms_m_s,
+        after.one_step_rms_m_s,
+    )
+}
+
+fn print(document: &Document) {
+    let Values { centers_lower_m_s: lower, centers_upper_m_s: upper, centers_per_axis: n, .. } =
+        document.values;
+    outln!(
+        "{}, from {}: {} configurations tried, {} refused\n\
+         mass {:.3} kg, gain {:.3} 1/s, adaptation rate {:.3} kg/s², length scale {:.3} m/s, dead zone {:.4} m/s,\n\
+         centers {} × {} × {} from {lower:.2?} to {upper:.2?} m/s",
+        document.file,
+        document.start,
+        document.evaluations,
+        document.refused_as_unstable_or_out_of_bounds,
+        document.values.mass_kg,
+        document.values.gain_per_s,
+        document.values.adaptation_rate_kg_s2,
+        document.values.length_scale_m_s,
+        document.values.dead_zone_width_m_s,
+        n[0],
+        n[1],
+        n[2],
+    );
+    let mut table = Table::new();
+    table.load_style(UTF8_FULL_CONDENSED);
+    let coast = format!("{} s coast (m/s)", document.coast_s);
+    table.set_header(["RMS of the velocity error's norm", "next sample (m/s)", &coast]);
+    for (name, errors) in [
+        ("first half, tuned on: before", document.tuned_on[0]),
+        ("first half, tuned on: after", document.tuned_on[1]),
+        ("second half, never seen: before", document.second_half[0]),
+        ("second half, never seen: after", document.second_half[1]),
+        ("second half, Kalman filter, best of 14", document.kalman_second_half),
+    ] {
+        let cell = |value: f64| format!("{value:.4}");
+        table.add_row([name.into(), cell(errors.one_step_rms_m_s), cell(errors.coast_rms_m_s)]);
+    }
+    outln!("{table}");
+    outln!(
+        "cross-validated over time: coasts {:.2} times the start's error, each block by what is best on the others",
+        document.cross_validated_coast_ratio
+    );
+    match &document.written {
+        Some(file) => outln!("written to '{file}'"),
+        None => outln!(
+            "not better on the second half: nothing is written. Keep {}, or tune on a flight that moves more alike in both halves",
+            document.start
+        ),
+    }
+}
