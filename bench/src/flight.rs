@@ -6,7 +6,7 @@ use clap::Args;
 use daemon::config::ConfigFile;
 use daemon::gate::sample_of;
 use shared_types::logln;
-use sim_publisher::{CsvMap, Format, read_flight};
+use sim_publisher::{Format, ImportOptions, read_flight};
 use std::path::PathBuf;
 
 /// A recorded flight and a configuration.
@@ -23,12 +23,8 @@ pub(crate) struct FlightArguments {
     /// Built-in configuration.
     #[arg(long, value_name = "NAME")]
     preset: Option<String>,
-    /// For csv: which column holds what, as quantity=column; may be given several times.
-    #[arg(long, value_name = "QUANTITY=COLUMN")]
-    column: Vec<String>,
-    /// For csv: the same from a TOML file.
-    #[arg(long, value_name = "FILE")]
-    map: Option<PathBuf>,
+    #[command(flatten)]
+    import: ImportOptions,
     /// Length of the coasts: that of the outages to be expected.
     #[arg(long, value_name = "S", default_value_t = 0.5)]
     coast_s: f64,
@@ -55,10 +51,9 @@ impl FlightArguments {
             (Some(path), _, _) => ConfigFile::read(path)?,
             (None, Some(name), _) => ConfigFile::preset(name)?,
             (None, None, Format::Acsl) => ConfigFile::preset("acsl-x8")?,
-            (None, None, Format::Csv) => ConfigFile::preset("rigid-body")?,
+            (None, None, Format::Csv | Format::Ulog) => ConfigFile::preset("rigid-body")?,
         };
-        let map = CsvMap::read(self.map.as_deref(), &self.column)?;
-        let flight = read_flight(format, &self.file, &map)?;
+        let flight = read_flight(format, &self.file, &self.import)?;
         if flight.skipped_rows() > 0 {
             logln!("bench: {}", flight.skipped);
         }

@@ -4,7 +4,7 @@ use crate::faults::{
     Fault, FaultError, Faults, Faulty, Reach, Tally, check_faults, help as fault_help, read_faults,
 };
 use crate::publish::{Outgoing, Pace, Published, connect, publish};
-use crate::replay::{CsvMap, Format, ImportError, read_flight, write_table};
+use crate::replay::{Format, ImportError, ImportOptions, read_flight, write_table};
 use crate::scenario::Scenario;
 use crate::sensors::Outage;
 use crate::simulation::{DEFAULT_RATE_HZ, Simulation, SimulationError, SimulationOptions};
@@ -58,6 +58,7 @@ Examples:
 Examples:
   sim_publisher replay --format acsl log_20240613_121802.log --airborne-only
   sim_publisher replay --format csv flight.csv --map columns.toml --speed 4
+  sim_publisher replay flight.ulg --mass-kg 1.5 --airborne-only
 
 Keys of --column and --map (all SI; a quantity has all of its components or none). A
 column that bears a key's own name needs no naming; nor does body_velocity_x|y|z:
@@ -139,23 +140,19 @@ struct RunArgs {
 
 #[derive(Debug, Args)]
 struct ReplayArgs {
-    /// How the flight is written
+    /// How the flight is written [default: by the file's ending]
     #[arg(long, value_enum)]
-    format: Format,
+    format: Option<Format>,
     /// The recorded flight
     file: PathBuf,
     /// How many times faster than it was flown; stamps keep the flight's own time
     #[arg(long, value_name = "X", default_value_t = 1.0)]
     speed: f64,
-    /// Only the part in the air (acsl)
+    /// Only the part in the air (acsl, ulog)
     #[arg(long)]
     airborne_only: bool,
-    /// Which column holds what (csv); may be repeated, and wins over --map
-    #[arg(long, value_name = "KEY=COLUMN")]
-    column: Vec<String>,
-    /// TOML file of such pairs (csv)
-    #[arg(long, value_name = "FILE")]
-    map: Option<PathBuf>,
+    #[command(flatten)]
+    import: ImportOptions,
     #[command(flatten)]
     target: TargetArgs,
 }
@@ -195,7 +192,7 @@ impl Failure {
     }
 }
 
-fn parse_axes(text: &str) -> Result<[f64; 3], String> {
+pub(crate) fn parse_axes(text: &str) -> Result<[f64; 3], String> {
     let numbers: Result<Vec<f64>, _> = text.split(',').map(|number| number.trim().parse()).collect();
     match numbers.as_deref() {
         Ok(&[each]) => Ok([each; 3]),
@@ -355,13 +352,10 @@ fn replay(args: &ReplayArgs) -> Result<(), Failure> {
     if !(args.speed > 0.0 && args.speed <= 1000.0) {
         return Err(Failure::Usage(format!("--speed {}: needed: above 0, at most 1000", args.speed)));
     }
-    if args.format == Format::Acsl && (args.map.is_some() || !args.column.is_empty()) {
-        return Err(Failure::Usage(
-            "--column and --map are for --format csv; an acsl log names its own columns".into(),
-        ));
-    }
-    let map = CsvMap::read(args.map.as_deref(), &args.column).map_err(ImportError::from)?;
-    let mut flight = read_flight(args.format, &args.file, &map)?;
+    let format = args.format.or_else(|| Format::of(&args.file)).ok_or_else(|| {
+        Failure::Usage(format!("'{}': its ending tells no format; needed: --format", args.file.display()))
+    })?;
+    let mut flight = read_flight(format, &args.file, &args.import)?;
     let file = args.file.display().to_string();
     if flight.skipped_rows() > 0 {
         logln!("'{file}': {}", flight.skipped);
@@ -371,10 +365,11 @@ fn replay(args: &ReplayArgs) -> Result<(), Failure> {
     }
     if args.airborne_only {
         flight = flight.airborne_only().ok_or_else(|| {
-            Failure::Usage(match args.format {
+            Failure::Usage(match format {
                 Format::Acsl => {
                     format!("--airborne-only: '{file}' has no thrust above 5 N; leave the option out")
                 }
+                Format::Ulog => format!("--airborne-only: '{file}' tells of no flight; leave the option out"),
                 Format::Csv => {
                     "--airborne-only: a table does not tell; cut it to the rows of the flight".into()
                 }
@@ -530,7 +525,7 @@ mod tests {
             ("sim_publisher run --scenario boat", "rigid-body"),
             ("sim_publisher run --scenario auv --outage 3", "needed: START:LENGTH"),
             ("sim_publisher run --scenario auv --velocity-bias-m-s 1,2", "three with commas"),
-            ("sim_publisher replay --format ulog f", "acsl"),
+            ("sim_publisher replay --format xlsx f", "acsl"),
         ] {
             let message = parsed(line).unwrap_err().to_string();
             assert!(message.contains(expected), "{message}");

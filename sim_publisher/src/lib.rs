@@ -40,6 +40,8 @@ pub mod simulation;
 pub mod supervise;
 
 pub use cli::main_with_args;
-pub use replay::{CsvMap, Format, ImportError, RecordedFlight, parse_flight, read_flight};
+pub use replay::{
+    CsvMap, Format, ImportError, ImportOptions, RecordedFlight, UlogScales, parse_flight, read_flight,
+};
 pub use scenario::Scenario;
 pub use simulation::{SimulatedSample, Simulation, SimulationError, SimulationOptions};

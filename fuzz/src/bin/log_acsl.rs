@@ -3,11 +3,12 @@
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
-use sim_publisher::{CsvMap, Format, parse_flight};
+use sim_publisher::{CsvMap, Format, UlogScales, parse_flight};
 
 fuzz_target!(|bytes: &[u8]| fuzz::check_flight(parse_flight(
     Format::Acsl,
     bytes,
     "fuzz",
-    &CsvMap::default()
+    &CsvMap::default(),
+    &UlogScales::default()
 )));

@@ -3,7 +3,7 @@
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
-use sim_publisher::{CsvMap, Format, parse_flight};
+use sim_publisher::{CsvMap, Format, UlogScales, parse_flight};
 
 const BETWEEN: &[u8] = b"\n---\n";
 
@@ -11,5 +11,5 @@ fuzz_target!(|bytes: &[u8]| {
     let Some(at) = bytes.windows(BETWEEN.len()).position(|window| window == BETWEEN) else { return };
     let Ok(map) = str::from_utf8(&bytes[..at]) else { return };
     let Ok(map) = toml::from_str::<CsvMap>(map) else { return };
-    fuzz::check_flight(parse_flight(Format::Csv, &bytes[at + BETWEEN.len()..], "fuzz", &map));
+    fuzz::check_flight(parse_flight(Format::Csv, &bytes[at + BETWEEN.len()..], "fuzz", &map, &UlogScales::default()));
 });

@@ -152,7 +152,7 @@ fn airborne(samples: &[Measurement], thrusts_n: &[f64]) -> Option<Range<usize>> 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::replay::{CsvMap, Format, read_flight};
+    use crate::replay::{Format, ImportOptions, read_flight};
     use proptest::prelude::*;
     use shared_types::payload::valid;
     use std::path::PathBuf;
@@ -294,7 +294,7 @@ mod tests {
     #[test]
     fn the_laboratory_s_flight_is_as_its_readme_describes_it() {
         let Some(path) = recorded() else { return };
-        let flight = read_flight(Format::Acsl, &path, &CsvMap::default()).unwrap();
+        let flight = read_flight(Format::Acsl, &path, &ImportOptions::default()).unwrap();
         println!("{} samples, {}, airborne {:?}", flight.samples.len(), flight.skipped, flight.airborne_s());
         assert_eq!(flight.samples.len() + flight.skipped_rows(), 2901);
         assert_eq!(flight.skipped_rows(), 0);

@@ -5,14 +5,16 @@
 
 mod acsl;
 mod table;
+mod ulog;
 
 pub use table::{CsvMap, MapError, TimeUnit, VelocityAxes, write_table};
+pub use ulog::{UlogContents, UlogScales, ulog_contents};
 
 use shared_types::Measurement;
 use shared_types::payload::valid;
 use std::fmt;
 use std::ops::Range;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// How a recorded flight is written.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
@@ -21,6 +23,53 @@ pub enum Format {
     Acsl,
     /// Any table with a line of column names; which column is what, --column or --map says
     Csv,
+    /// PX4's ULog, topics joined by time stamp; the force of a full set-point, --thrust-n or --mass-kg says
+    Ulog,
+}
+
+/// What a file does not say of itself.
+#[derive(Debug, Clone, PartialEq, Default, clap::Args)]
+pub struct ImportOptions {
+    /// Which column holds what (csv), KEY=COLUMN; may be repeated, and wins over --map
+    #[arg(long, value_name = "KEY=COLUMN")]
+    pub column: Vec<String>,
+    /// TOML file of such pairs (csv)
+    #[arg(long, value_name = "FILE")]
+    pub map: Option<PathBuf>,
+    /// Force of a thrust set-point of 1 (ulog) [default: from --mass-kg and the log's hover thrust]
+    #[arg(long, value_name = "N")]
+    pub thrust_n: Option<f64>,
+    /// Mass, which the log's hover thrust carries (ulog)
+    #[arg(long, value_name = "KG")]
+    pub mass_kg: Option<f64>,
+    /// Torque of a torque set-point of 1 (ulog): one number, or three with commas [default: no torque]
+    #[arg(long, value_name = "N_M", value_parser = crate::cli::parse_axes)]
+    pub torque_n_m: Option<[f64; 3]>,
+}
+
+impl ImportOptions {
+    /// # Errors
+    /// An option that this format has no use for, or a number that is none.
+    fn check(&self, format: Format) -> Result<(), ImportError> {
+        let of_tables = self.map.is_some() || !self.column.is_empty();
+        let of_ulog = self.thrust_n.or(self.mass_kg).is_some() || self.torque_n_m.is_some();
+        let numbers = self.thrust_n.iter().chain(&self.mass_kg).chain(self.torque_n_m.iter().flatten());
+        let wrong = |what: &str| Err(ImportError::Option(what.into()));
+        match format {
+            Format::Acsl | Format::Ulog if of_tables => {
+                wrong("--column and --map are for --format csv; other logs name their own columns")
+            }
+            Format::Acsl | Format::Csv if of_ulog => wrong(
+                "--thrust-n, --mass-kg and --torque-n-m are for --format ulog; other logs say their forces",
+            ),
+            _ => match numbers.into_iter().find(|number| !(number.is_finite() && **number > 0.0)) {
+                Some(number) => {
+                    wrong(&format!("--thrust-n, --mass-kg, --torque-n-m: found {number}; needed: above 0"))
+                }
+                None => Ok(()),
+            },
+        }
+    }
 }
 
 impl Format {
@@ -29,6 +78,7 @@ impl Format {
         match path.extension()?.to_str()?.to_ascii_lowercase().as_str() {
             "log" => Some(Self::Acsl),
             "csv" => Some(Self::Csv),
+            "ulg" => Some(Self::Ulog),
             _ => None,
         }
     }
@@ -61,6 +111,27 @@ pub enum ImportError {
         /// The file's columns.
         found: String,
     },
+    /// It is no ULog, or damaged from the start.
+    #[error("'{path}' is no ULog: {found}; needed: a log of PX4 (.ulg)")]
+    NoUlog {
+        /// Which file.
+        path: String,
+        /// What was found.
+        found: String,
+    },
+    /// None of the topics that say how the vehicle moves.
+    #[error(
+        "'{path}' has none of vehicle_local_position, vehicle_angular_velocity, vehicle_attitude; its topics are: {found}"
+    )]
+    MissingTopics {
+        /// Which file.
+        path: String,
+        /// The file's topics.
+        found: String,
+    },
+    /// An option does not belong to this format.
+    #[error("{0}")]
+    Option(String),
     /// No row can be used.
     #[error("'{path}' has no usable row; {skipped}")]
     NoUsableRow {
@@ -181,17 +252,24 @@ impl RecordedFlight {
     }
 }
 
-/// Reads a recorded flight. `map` is used by [`Format::Csv`] alone.
+/// Reads a recorded flight.
 ///
 /// # Errors
-/// `Io`, `Empty`, `MissingColumn`, `NoUsableRow` about the file; `Map` where the map is not usable.
-pub fn read_flight(format: Format, path: &Path, map: &CsvMap) -> Result<RecordedFlight, ImportError> {
+/// What is wrong with the file, and `Map` or `Option` where the options are not usable.
+pub fn read_flight(
+    format: Format,
+    path: &Path,
+    options: &ImportOptions,
+) -> Result<RecordedFlight, ImportError> {
     let name = path.display().to_string();
+    options.check(format)?;
+    let map = CsvMap::read(options.map.as_deref(), &options.column)?;
+    let ImportOptions { thrust_n, mass_kg, torque_n_m, .. } = *options;
     let bytes = std::fs::read(path).map_err(|source| ImportError::Io { path: name.clone(), source })?;
-    parse_flight(format, &bytes, &name, map)
+    parse_flight(format, &bytes, &name, &map, &UlogScales { thrust_n, torque_n_m, mass_kg })
 }
 
-/// A recorded flight from the bytes of its file; `name` stands for that in messages.
+/// A recorded flight from the bytes of its file; `name` stands for that in messages, `map` is of tables, `scales` of ULogs.
 ///
 /// # Errors
 /// As [`read_flight`], without `Io`.
@@ -200,8 +278,10 @@ pub fn parse_flight(
     bytes: &[u8],
     name: &str,
     map: &CsvMap,
+    scales: &UlogScales,
 ) -> Result<RecordedFlight, ImportError> {
     match format {
+        Format::Ulog => ulog::parse(bytes, name, scales),
         Format::Acsl => acsl::parse(bytes, name),
         Format::Csv => table::parse(bytes, name, map),
     }
@@ -313,7 +393,8 @@ mod tests {
 
     #[test]
     fn a_missing_file_is_named() {
-        let error = read_flight(Format::Acsl, Path::new("/no/such.log"), &CsvMap::default()).unwrap_err();
+        let error =
+            read_flight(Format::Acsl, Path::new("/no/such.log"), &ImportOptions::default()).unwrap_err();
         assert!(error.to_string().contains("cannot read '/no/such.log'"), "{error}");
     }
 }
