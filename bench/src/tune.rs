@@ -9,7 +9,10 @@
 //! from: ratios, so that one wild manoeuvre counts no more than a calm minute. The search (Nelder–Mead, from several
 //! simplices) runs in the logarithms of λ, Γ, ℓ, the dead zone and the centers' spacing over ℓ; what the observer refuses as
 //! unstable costs more than anything else, so that nothing outside of the provably stable set is ever chosen.
-//! Cross-validated over time: for each block, the candidate that is best on the others is judged on it.
+//!
+//! Of all that was tried, what is chosen is least in `J + μ ‖q‖²`, with q the logarithms of the factors on the start's
+//! numbers: a better fit must pay for its distance from where a person began. μ is cross-validated over time: for each
+//! block, the candidate that is chosen on the others is judged on it.
 
 use crate::accuracy::{Finding, Flight, MeanSquare, ObserverEstimator, best, evaluate, evaluate_kalman, fly};
 use crate::flight::{FlightArguments, Replay};
@@ -31,6 +34,8 @@ const N_BLOCKS: usize = 3;
 const MOST_CENTERS: usize = 1000;
 /// What a candidate costs that is refused, or lies outside of the bounds; no real one comes near.
 const REFUSED: f64 = 1e3;
+/// Prices μ of the distance from the start; the last one is hardly ever worth a step.
+const PRICES: [f64; 6] = [0.0, 0.001, 0.003, 0.01, 0.03, 0.1];
 /// Factors on λ, Γ, ℓ, the dead zone and the spacing from which the searches start.
 const STARTS: [[f64; 5]; 4] =
     [[1.0; 5], [1.0, 0.1, 1.0, 1.0, 1.0], [2.0, 1.0, 2.0, 0.5, 1.0], [0.5, 0.2, 0.5, 1.0, 1.0]];
@@ -78,8 +83,10 @@ struct Document {
     coast_s: f64,
     /// Of the first half, on which it was tuned: before, after.
     tuned_on: [Errors; 2],
-    /// Coast error of each block over that of the start, by the candidate that is best on the other blocks.
-    cross_validated_coast_ratio: f64,
+    /// μ.
+    price: f64,
+    /// exp J of each block, by the candidate that is chosen on the other blocks; 1 is the start.
+    cross_validated_ratio: f64,
     /// Of the second half, which the search never saw: before, after.
     second_half: [Errors; 2],
     /// The best of each of a Kalman filter's columns there.
@@ -110,6 +117,8 @@ struct Tried {
 struct Search<'a> {
     start: &'a ConfigFile,
     base: Values,
+    /// Distance of the start's centers over its length scale.
+    start_spacing: f64,
     flight: &'a Flight,
     coast_weight: f64,
     with_mass: bool,
@@ -139,6 +148,7 @@ pub fn run(arguments: &TuneArguments) -> anyhow::Result<()> {
     let mut search = Search {
         start: &start,
         base,
+        start_spacing: spacing_of(&base),
         flight: &first_half,
         coast_weight: weight,
         with_mass: arguments.mass,
@@ -152,7 +162,9 @@ pub fn run(arguments: &TuneArguments) -> anyhow::Result<()> {
     bar.finish_and_clear();
 
     let tried = search.tried.take();
-    let coordinates = &search.best_of(&tried, None).context("every configuration was refused")?.coordinates;
+    let (price, cross_validated_cost) = search.price(&tried);
+    let chosen = search.best_of(&tried, None, price).context("every configuration was refused")?;
+    let coordinates = &chosen.coordinates;
     let values = search.values(coordinates).context("the best one is within the bounds")?;
     let tuned = search.config(&values);
     let errors = |config: &ConfigFile, flight: &Flight| -> anyhow::Result<Errors> {
@@ -172,7 +184,8 @@ pub fn run(arguments: &TuneArguments) -> anyhow::Result<()> {
         refused_as_unstable_or_out_of_bounds: search.refused.take(),
         coast_s: flight.coast_s,
         tuned_on: [pooled(&search.reference), pooled(&block_errors(&first_half, &tuned)?)],
-        cross_validated_coast_ratio: search.cross_validated(&tried),
+        price,
+        cross_validated_ratio: cross_validated_cost.exp(),
         second_half,
         kalman_second_half: Errors {
             one_step_rms_m_s: best(&kalman, |accuracy| accuracy.one_step_rms_m_s).1.one_step_rms_m_s,
@@ -223,6 +236,12 @@ fn values_of(translation: &TranslationConfig, flight: &Flight) -> anyhow::Result
     })
 }
 
+fn spacing_of(values: &Values) -> f64 {
+    let edge_m_s = values.centers_upper_m_s[0] - values.centers_lower_m_s[0];
+    let n_gaps = values.centers_per_axis[0].saturating_sub(1).max(1) as f64;
+    (edge_m_s / n_gaps / values.length_scale_m_s).clamp(0.25, 1.8)
+}
+
 impl Search<'_> {
     /// Coordinates: logarithms of the factors on λ, Γ, ℓ and d, of the spacing over ℓ, and of the factor on m.
     fn values(&self, coordinates: &[f64]) -> Option<Values> {
@@ -270,21 +289,17 @@ impl Search<'_> {
 
     /// Nelder–Mead from each start, then once more from the best of all.
     fn descend(&self, n_evaluations: u64) -> anyhow::Result<usize> {
-        let spacing = {
-            let edge_m_s = self.base.centers_upper_m_s[0] - self.base.centers_lower_m_s[0];
-            edge_m_s / (self.base.centers_per_axis[0] - 1).max(1) as f64 / self.base.length_scale_m_s
-        };
         let mut n_done = 0;
         let each = n_evaluations / (STARTS.len() as u64 + 1);
         for round in 0..=STARTS.len() {
             let corner = match STARTS.get(round) {
                 Some(factors) => {
                     let mut corner: Vec<f64> = factors.iter().map(|factor| factor.ln()).collect();
-                    corner[4] += spacing.clamp(0.25, 1.8).ln();
+                    corner[4] += self.start_spacing.ln();
                     corner.extend(self.with_mass.then_some(0.0));
                     corner
                 }
-                None => match self.best_of(&self.tried.borrow(), None) {
+                None => match self.best_of(&self.tried.borrow(), None, 0.0) {
                     Some(tried) => tried.coordinates.clone(),
                     None => break,
                 },
@@ -309,30 +324,40 @@ impl Search<'_> {
 
     /// Mean over the blocks, or over all but one.
     fn cost_of(&self, blocks: &[[f64; 2]], without: Option<usize>) -> f64 {
-        let kept: Vec<f64> = (0..blocks.len())
-            .filter(|block| Some(*block) != without)
-            .map(|block| {
-                let ([coast, step], [coast_0, step_0]) = (blocks[block], self.reference[block]);
-                self.coast_weight * (coast / coast_0).ln() + (1.0 - self.coast_weight) * (step / step_0).ln()
-            })
-            .collect();
-        kept.iter().sum::<f64>() / kept.len() as f64
+        let kept = (0..blocks.len()).filter(|block| Some(*block) != without);
+        let costs: Vec<f64> = kept.map(|block| self.block_cost(blocks, block)).collect();
+        costs.iter().sum::<f64>() / costs.len() as f64
     }
 
-    fn best_of<'t>(&self, tried: &'t [Tried], without: Option<usize>) -> Option<&'t Tried> {
-        let cost = |tried: &Tried| self.cost_of(&tried.blocks, without);
+    /// J of one block.
+    fn block_cost(&self, blocks: &[[f64; 2]], block: usize) -> f64 {
+        let ([coast, step], [coast_0, step_0]) = (blocks[block], self.reference[block]);
+        self.coast_weight * (coast / coast_0).ln() + (1.0 - self.coast_weight) * (step / step_0).ln()
+    }
+
+    fn best_of<'t>(&self, tried: &'t [Tried], without: Option<usize>, price: f64) -> Option<&'t Tried> {
+        let cost = |tried: &Tried| self.cost_of(&tried.blocks, without) + price * self.distance(&tried.coordinates);
         tried.iter().min_by(|a, b| cost(a).total_cmp(&cost(b)))
     }
 
-    /// Geometric mean over the blocks of the coast error's ratio to the start's, each by what is best on the others.
-    fn cross_validated(&self, tried: &[Tried]) -> f64 {
-        let logs: Vec<f64> = (0..self.reference.len())
-            .filter_map(|block| {
-                let chosen = self.best_of(tried, Some(block))?;
-                Some((chosen.blocks[block][0] / self.reference[block][0]).ln())
-            })
-            .collect();
-        (logs.iter().sum::<f64>() / logs.len() as f64).exp()
+    /// Squared distance from the start, in logarithms.
+    fn distance(&self, coordinates: &[f64]) -> f64 {
+        let square = |(index, c): (usize, &f64)| if index == 4 { c - self.start_spacing.ln() } else { *c }.powi(2);
+        coordinates.iter().enumerate().map(square).sum()
+    }
+
+    /// The price that is best on blocks that did not choose, and the mean cost there.
+    fn price(&self, tried: &[Tried]) -> (f64, f64) {
+        let n_blocks = self.reference.len();
+        let judged = |price: f64| {
+            let costs = (0..n_blocks).filter_map(|block| {
+                let chosen = self.best_of(tried, Some(block), price)?;
+                Some(self.block_cost(&chosen.blocks, block))
+            });
+            costs.sum::<f64>() / n_blocks as f64
+        };
+        let all = PRICES.map(|price| (price, judged(price)));
+        all.into_iter().min_by(|(_, a), (_, b)| a.total_cmp(b)).expect("there are prices")
     }
 }
 
@@ -356,7 +381,7 @@ impl CostFunction for Shared<'_, '_> {
         let cost = search.cost_of(&blocks, None);
         let mut tried = search.tried.borrow_mut();
         tried.push(Tried { coordinates: coordinates.clone(), blocks });
-        let best = search.best_of(&tried, None).map_or(cost, |best| search.cost_of(&best.blocks, None));
+        let best = search.best_of(&tried, None, 0.0).map_or(cost, |best| search.cost_of(&best.blocks, None));
         search.bar.set_message(format!("{:.1} % off the start's errors", 100.0 * (1.0 - best.exp())));
         Ok(cost)
     }
@@ -442,8 +467,9 @@ fn print(document: &Document) {
     }
     outln!("{table}");
     outln!(
-        "cross-validated over time: coasts {:.2} times the start's error, each block by what is best on the others",
-        document.cross_validated_coast_ratio
+        "cross-validated over time: {:.2} times the start's errors on blocks that did not choose; price of distance {}",
+        document.cross_validated_ratio,
+        document.price,
     );
     match &document.written {
         Some(file) => outln!("written to '{file}'"),
