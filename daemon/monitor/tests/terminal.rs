@@ -1,0 +1,179 @@
+//! The live view in a real terminal (tmux), beside a real service.
+
+mod common;
+
+use common::{PATIENCE, Role, TestDomain, monitor, play_role, wait_until};
+use rustix::process::Signal;
+use std::process::Command;
+use std::time::{Duration, Instant};
+
+#[test]
+fn role() {
+    play_role();
+}
+
+/// A tmux server of our own with one pane.
+struct Pane {
+    directory: tempfile::TempDir,
+}
+
+impl Pane {
+    /// `None`, and said, where there is no tmux.
+    fn open(program: &Command, columns: u16, lines: u16) -> Option<Self> {
+        if Command::new("tmux").arg("-V").output().is_err() {
+            println!("skipped: tmux is not installed");
+            return None;
+        }
+        let pane = Self { directory: tempfile::tempdir().unwrap() };
+        let configuration = pane.directory.path().join("conf");
+        // What the program leaves on the screen and its exit code can be looked at.
+        std::fs::write(&configuration, "set -g remain-on-exit on\n").unwrap();
+        let words = std::iter::once(program.get_program()).chain(program.get_args());
+        let line: Vec<_> = words.map(|word| format!("'{}'", word.to_str().unwrap())).collect();
+        let (columns, lines) = (columns.to_string(), lines.to_string());
+        pane.tmux(&["-f", configuration.to_str().unwrap(), "new-session", "-d", "-x", &columns, "-y", &lines, &line.join(" ")]);
+        Some(pane)
+    }
+
+    fn tmux(&self, arguments: &[&str]) -> String {
+        let output = Command::new("tmux")
+            .args(["-u", "-S"])
+            .arg(self.directory.path().join("socket"))
+            .args(arguments)
+            .env("LC_ALL", "C.UTF-8")
+            .env_remove("TMUX")
+            .output()
+            .unwrap();
+        assert!(output.status.success(), "{arguments:?}: {}", String::from_utf8_lossy(&output.stderr));
+        String::from_utf8(output.stdout).unwrap()
+    }
+
+    fn text(&self) -> String {
+        self.tmux(&["capture-pane", "-p"])
+    }
+
+    fn press(&self, key: &str) {
+        self.tmux(&["send-keys", key]);
+    }
+
+    fn wait_for(&self, needed: &[&str]) {
+        let deadline = Instant::now() + PATIENCE;
+        loop {
+            let text = self.text();
+            let missing: Vec<_> = needed.iter().filter(|needed| !text.contains(*needed)).collect();
+            if missing.is_empty() {
+                if let Ok(directory) = std::env::var("MONITOR_PANES") {
+                    let name: String = needed[0].chars().filter(char::is_ascii_alphanumeric).collect();
+                    std::fs::write(format!("{directory}/{name}"), text).unwrap();
+                }
+                return;
+            }
+            assert!(Instant::now() < deadline, "waited {PATIENCE:?} for {missing:?} in:\n{text}");
+            std::thread::sleep(Duration::from_millis(50));
+        }
+    }
+
+    /// Whether the program has ended, and its exit code.
+    fn has_ended(&self) -> (bool, String) {
+        let answer = self.tmux(&["display-message", "-p", "#{pane_dead} #{pane_dead_status}"]);
+        let (is_dead, code) = answer.trim_end().split_once(' ').unwrap_or((answer.trim_end(), ""));
+        (is_dead == "1", code.into())
+    }
+}
+
+impl Drop for Pane {
+    fn drop(&mut self) {
+        self.tmux(&["kill-server"]);
+    }
+}
+
+#[test]
+fn the_view_follows_a_service_through_its_life() {
+    let domain = TestDomain::new();
+    let Some(pane) = Pane::open(&monitor(&domain, &[]), 80, 24) else { return };
+    pane.wait_for(&["the service is away since", "no process runs it; start it: daemon run"]);
+
+    let service = Role::start(&domain, "daemon run --preset rigid-body --fresh");
+    pane.wait_for(&["no sample yet", "DO NOT FLY ON THIS", "200 Hz"]);
+    let vehicle = Role::start(&domain, "sim_publisher run --scenario rigid-body");
+    pane.wait_for(&["TRACKING, learning", "learns", "from process", "off the truth", "velocity m/s"]);
+
+    vehicle.signal(Signal::STOP);
+    pane.wait_for(&["coasting-translation: no velocity for", "predicts"]);
+    pane.wait_for(&["stale: no good sample for", "DO NOT FLY ON THIS"]);
+    vehicle.signal(Signal::CONT);
+    pane.wait_for(&["TRACKING"]);
+
+    service.signal(Signal::STOP);
+    pane.wait_for(&["the service is away", "runs it and publishes nothing: it is stopped"]);
+    service.signal(Signal::CONT);
+    pane.wait_for(&["TRACKING"]);
+
+    // Long enough for the ports to be given back.
+    service.kill();
+    pane.wait_for(&["the service is away", "no process runs it"]);
+    std::thread::sleep(Duration::from_secs(4));
+    let service = Role::start(&domain, "daemon run --preset rigid-body");
+    pane.wait_for(&["TRACKING", "restarts 1"]);
+
+    pane.tmux(&["resize-window", "-x", "200", "-y", "50"]);
+    pane.wait_for(&["error until now", "p99.9", "TRACKING"]);
+
+    vehicle.stop();
+    service.stop();
+    pane.wait_for(&["the service is away", "no process runs it"]);
+    pane.press("q");
+    wait_until("the end", || pane.has_ended().0);
+    assert_eq!(pane.has_ended().1, "0");
+    domain.assert_clean();
+}
+
+#[test]
+fn keys_act_on_the_service() {
+    let domain = TestDomain::new();
+    let service = Role::start(&domain, "daemon run --preset rigid-body --fresh");
+    let vehicle = Role::start(&domain, "sim_publisher run --scenario rigid-body");
+    wait_until("samples", || domain.status().samples_accepted > 0);
+    let Some(pane) = Pane::open(&monitor(&domain, &["--fps", "20"]), 80, 24) else { return };
+    pane.wait_for(&["TRACKING"]);
+
+    pane.press("f");
+    pane.wait_for(&["freeze: adaptation frozen", "frozen: an operator"]);
+    assert_eq!(domain.status().adaptation_frozen, 1);
+    pane.press("f");
+    pane.wait_for(&["thaw: adaptation resumed"]);
+    assert_eq!(domain.status().adaptation_frozen, 0);
+
+    pane.press("s");
+    pane.wait_for(&["save: "]);
+    wait_until("the snapshot", || domain.status().snapshots_saved > 0);
+
+    let commands = domain.status().commands;
+    pane.press("r");
+    pane.wait_for(&["Forget the state and all that was learned?"]);
+    pane.press("n");
+    pane.wait_for(&["nothing was reset"]);
+    assert_eq!(domain.status().commands, commands);
+    pane.press("r");
+    pane.wait_for(&["Forget the state and all that was learned?"]);
+    pane.press("y");
+    pane.wait_for(&["reset: state and learned weights forgotten"]);
+    assert_eq!(domain.status().commands, commands + 1);
+
+    pane.press("?");
+    pane.wait_for(&["the dead zone's output"]);
+    pane.press("x");
+    pane.press("p");
+    pane.wait_for(&["PAUSED, p goes on; now: TRACKING"]);
+    vehicle.kill();
+    pane.wait_for(&["PAUSED, p goes on; now: DO NOT FLY ON THIS"]);
+    assert!(pane.text().contains(" TRACKING, "), "the picture stands still:\n{}", pane.text());
+    pane.press("p");
+    pane.wait_for(&[" DO NOT FLY ON THIS", "q quit"]);
+
+    pane.press("C-c");
+    wait_until("the end", || pane.has_ended().0);
+    assert_eq!(pane.has_ended().1, "0");
+    service.stop();
+    domain.assert_clean();
+}
