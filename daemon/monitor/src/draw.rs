@@ -108,7 +108,7 @@ impl Plan {
         let least = |parts: &[Part]| 2 + 2 + 2 + 5 + 1 + state_rows(model, parts) + parts.len();
         const LEAST_NOTES: usize = 3;
         let height = usize::from(area.height);
-        let (body, linear): (Vec<_>, Vec<_>) = all.iter().partition(|part| **part != Part::Linear);
+        let (body, linear): (Vec<_>, Vec<_>) = all.iter().copied().partition(|part| *part != Part::Linear);
         let has_pages = !body.is_empty() && !linear.is_empty() && least(&all) + LEAST_NOTES > height;
         let parts = match has_pages {
             false => all,
@@ -258,6 +258,9 @@ fn draw_trace(
     (low, high): (f64, f64),
     theme: Theme,
 ) {
+    if rect.is_empty() {
+        return;
+    }
     let levels = u64::from(rect.height) * 8;
     let bar = |value: f64| 1 + ((value - low) / (high - low) * (levels - 1) as f64).round() as u64;
     let bars: Vec<Option<u64>> = values.iter().map(|value| value.map(bar)).collect();
@@ -331,15 +334,16 @@ fn bottom_line(model: &Model, view: &View, plan: &Plan, width: usize) -> Line<'s
         let question = " Forget the state and all that was learned? y: yes, any other key: no";
         return Line::styled(format!("{question:<width$}"), theme.banner(Level::Alarm));
     }
-    if let Some((level, text)) = &view.message {
-        return Line::styled(format!(" {}", cut(text, width.saturating_sub(1))), theme.word(*level));
-    }
     let freeze = if model.is_frozen() { "f learn again" } else { "f freeze" };
     if let Some((level, verdict)) = &view.paused {
-        let text = cut(&format!(" PAUSED, p goes on; now: {verdict}"), width);
+        let answer = view.message.as_ref().map_or(String::new(), |(_, text)| format!("; {text}"));
+        let text = cut(&format!(" PAUSED, p goes on; now: {verdict}{answer}"), width);
         return Line::styled(format!("{text:<width$}"), theme.banner(Level::Caution.max(*level)));
     }
     let pages = if plan.has_pages { "  tab next" } else { "" };
+    if let Some((level, text)) = &view.message {
+        return Line::styled(format!(" {}", cut(text, width.saturating_sub(1))), theme.word(*level));
+    }
     let keys = format!(" q quit  p pause  s save  {freeze}  r reset{pages}  ? help");
     Line::styled(keys, theme.faint())
 }

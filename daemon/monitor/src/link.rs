@@ -52,6 +52,8 @@ pub struct Link {
     ports: Option<Ports>,
     /// Publication of the newest estimate, or the first look.
     newest_ns: u64,
+    /// Publication of the newest estimate alone.
+    told_ns: u64,
     next_try_ns: u64,
     next_inquiry_ns: u64,
     silence_ns: u64,
@@ -65,6 +67,7 @@ impl Link {
             instance: instance.into(),
             ports: None,
             newest_ns: now_ns,
+            told_ns: 0,
             next_try_ns: now_ns,
             next_inquiry_ns: now_ns,
             silence_ns: SILENCE_NS,
@@ -76,8 +79,15 @@ impl Link {
     /// # Errors
     /// `Service` where what exists will never fit, as long as it is there: another type, another owner. The next
     /// look tries again.
-    pub fn look(&mut self, now_ns: u64, mut news: impl FnMut(News)) -> Result<(), ClientError> {
-        self.open_if_due(now_ns)?;
+    pub fn look(&mut self, now_ns: u64, news: impl FnMut(News)) -> Result<(), ClientError> {
+        let looked = self.open_if_due(now_ns).and_then(|()| self.take(now_ns, news));
+        if looked.is_err() {
+            self.ports = None;
+        }
+        looked
+    }
+
+    fn take(&mut self, now_ns: u64, mut news: impl FnMut(News)) -> Result<(), ClientError> {
         if let Some(ports) = &mut self.ports {
             while let Some(status) = ports.statuses.take()? {
                 self.silence_ns = SILENCE_NS.max(SILENT_PERIODS * period_ns(&status));
@@ -87,8 +97,13 @@ impl Link {
                 news(News::Truth(truth));
             }
             while let Some(estimate) = ports.estimates.take()? {
-                self.newest_ns = self.newest_ns.max(estimate.publish_stamp_ns);
-                news(News::Estimate(estimate));
+                // New ports are told the newest estimate once more, even that of a service long dead.
+                let is_old = estimate.publish_stamp_ns + self.silence_ns < ports.opened_ns;
+                if !is_old && estimate.publish_stamp_ns > self.told_ns {
+                    self.told_ns = estimate.publish_stamp_ns;
+                    self.newest_ns = self.newest_ns.max(self.told_ns);
+                    news(News::Estimate(estimate));
+                }
             }
         }
         let silent_ns = now_ns.saturating_sub(self.newest_ns);

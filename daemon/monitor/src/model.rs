@@ -55,7 +55,7 @@ impl Part {
 }
 
 /// Three numbers over time (or, of a linear plant, as many as it has).
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone)]
 pub struct Vector {
     /// What it is, with its unit.
     pub name: &'static str,
@@ -102,9 +102,9 @@ impl Vector {
     }
 }
 
-const XYZ: [&str; 3] = ["x", "y", "z"];
-const RPY: [&str; 3] = ["r", "p", "y"];
-const NUMBERS: [&str; 12] = ["1", "2", "3", "4", "5", "6", "7", "8", "9", "10", "11", "12"];
+static XYZ: [&str; 3] = ["x", "y", "z"];
+static RPY: [&str; 3] = ["r", "p", "y"];
+static NUMBERS: [&str; 12] = ["1", "2", "3", "4", "5", "6", "7", "8", "9", "10", "11", "12"];
 
 fn vectors() -> Vec<Vector> {
     use Part::{Linear, Rotation, Translation};

@@ -178,7 +178,7 @@ impl Screen<'_> {
         }
         if self.view.shows_help {
             self.view.shows_help = false;
-            return key.code != KeyCode::Char('q');
+            return true;
         }
         match key.code {
             KeyCode::Char('q') => return false,
@@ -224,9 +224,14 @@ impl Screen<'_> {
     }
 
     fn take_answer(&mut self) {
-        if let Some(Ok((level, text))) = self.answer.as_ref().map(mpsc::Receiver::try_recv) {
-            self.answer = None;
-            self.say(level, &text);
+        match self.answer.as_ref().map(mpsc::Receiver::try_recv) {
+            None | Some(Err(mpsc::TryRecvError::Empty)) => {}
+            Some(answer) => {
+                self.answer = None;
+                let (level, text) = answer
+                    .unwrap_or((Level::Alarm, "the command's thread has ended: a defect, please report it".into()));
+                self.say(level, &text);
+            }
         }
         if self.message_until.is_some_and(|until| Instant::now() > until) {
             (self.view.message, self.message_until) = (None, None);

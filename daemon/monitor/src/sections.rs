@@ -307,17 +307,17 @@ pub fn service_lines(model: &Model, theme: Theme) -> Vec<Line<'static>> {
         false => format!("real time  refused {refused}; granted {granted}"),
     });
     fact(format!(
-        "late ticks {} now, {} at most; missed {}",
+        "late       {} ticks, at most {}; missed {}",
         status.late_ticks_in_a_row, status.most_late_ticks_in_a_row, status.deadline_misses
     ));
     let newest = match status.snapshot_stamp_ns {
         0 => "none yet".into(),
         stamp_ns => format!("{} ago", duration_ns(status.stamp_ns.saturating_sub(stamp_ns))),
     };
-    fact(format!(
-        "snapshot   {newest}; {} saved, {} failed",
-        status.snapshots_saved, status.snapshots_failed
-    ));
+    fact(match status.snapshots_failed {
+        0 => format!("snapshot   {newest}; {} saved", status.snapshots_saved),
+        failed => format!("snapshot   {failed} FAILED; {newest}; {} saved", status.snapshots_saved),
+    });
     fact(match (status.ticks_recorded, status.ticks_not_recorded) {
         (0, 0) => "record     none".into(),
         (written, lost) => format!("record     {written} ticks, {lost} left out"),

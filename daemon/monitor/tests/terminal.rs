@@ -27,7 +27,7 @@ impl Pane {
         let pane = Self { directory: tempfile::tempdir().unwrap() };
         let configuration = pane.directory.path().join("conf");
         // What the program leaves on the screen and its exit code can be looked at.
-        std::fs::write(&configuration, "set -g remain-on-exit on\n").unwrap();
+        std::fs::write(&configuration, "set -g remain-on-exit on\nset -g status off\n").unwrap();
         let words = std::iter::once(program.get_program()).chain(program.get_args());
         let line: Vec<_> = words.map(|word| format!("'{}'", word.to_str().unwrap())).collect();
         let (columns, lines) = (columns.to_string(), lines.to_string());
@@ -83,7 +83,8 @@ impl Pane {
 
 impl Drop for Pane {
     fn drop(&mut self) {
-        self.tmux(&["kill-server"]);
+        let socket = self.directory.path().join("socket");
+        let _ = Command::new("tmux").arg("-S").arg(socket).arg("kill-server").output();
     }
 }
 
