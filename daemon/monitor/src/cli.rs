@@ -163,7 +163,8 @@ fn once(domain: &Domain, instance: &str, json: bool) -> anyhow::Result<()> {
             while let Some(status) = statuses.take()?.filter(|status| is_new(status.stamp_ns)) {
                 model.note(News::Status(status));
             }
-            while let Some(estimate) = estimates.take()?.filter(|estimate| is_new(estimate.publish_stamp_ns)) {
+            while let Some(estimate) = estimates.take()?.filter(|estimate| is_new(estimate.publish_stamp_ns))
+            {
                 model.note(News::Estimate(estimate));
             }
             std::thread::sleep(LOOK_EVERY);

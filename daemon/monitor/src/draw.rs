@@ -116,23 +116,26 @@ impl Plan {
             true => linear,
         };
         let mut spare = height.saturating_sub(least(&parts));
-        let mut take = |lines: usize, wanted: bool| {
-            let taken = if wanted && spare >= lines { lines } else { 0 };
+        let mut take = |lines: usize| {
+            let taken = if spare >= lines { lines } else { 0 };
             spare -= taken;
             taken
         };
-        let mut notes = take(LEAST_NOTES, true);
-        let has_gaps = take(4, true) > 0;
+        let mut notes = take(LEAST_NOTES);
+        let has_gaps = take(4) > 0;
         let n_rows = state_rows(model, &parts);
         let mut trace_height = 1;
-        while trace_height < 4 && n_rows > 0 && take(n_rows, true) > 0 {
+        if n_rows > 0 && take(n_rows) > 0 {
             trace_height += 1;
         }
-        notes += take(1, true) + take(1, true);
-        let samples = 2 + take(1, true) + take(1, true);
-        // Facts of the service need five more lines at the bottom.
-        let _facts = take(5, true);
-        notes += (0..5).map(|_| take(1, true)).sum::<usize>();
+        // The rest of the service's facts, at the bottom.
+        take(5);
+        notes += take(2);
+        let samples = 2 + take(1);
+        while trace_height < 4 && n_rows > 0 && take(n_rows) > 0 {
+            trace_height += 1;
+        }
+        notes += (0..5).map(|_| take(1)).sum::<usize>();
         Self { parts, has_pages, notes, samples, trace_height, has_gaps }
     }
 }
@@ -304,13 +307,7 @@ fn draw_trust(
     }
 }
 
-fn draw_latency_and_service(
-    frame: &mut Frame<'_>,
-    rows: &mut Rows,
-    model: &Model,
-    theme: Theme,
-    old: Style,
-) {
+fn draw_latency_and_service(frame: &mut Frame<'_>, rows: &mut Rows, model: &Model, theme: Theme, old: Style) {
     let is_wide = rows.area.width >= WIDE;
     let latency_columns = LATENCY_COLUMNS[usize::from(is_wide)];
     let latencies = latency_lines(model, theme, is_wide);
@@ -372,12 +369,8 @@ fn draw_help(frame: &mut Frame<'_>, theme: Theme) {
     let area = frame.area();
     let height = (HELP.lines().count() as u16 + 2).min(area.height);
     let width = 78.min(area.width);
-    let place = Rect {
-        x: area.x + (area.width - width) / 2,
-        y: area.y + (area.height - height) / 2,
-        width,
-        height,
-    };
+    let place =
+        Rect { x: area.x + (area.width - width) / 2, y: area.y + (area.height - height) / 2, width, height };
     frame.render_widget(Clear, place);
     let block = Block::bordered().title(" help ").border_style(theme.title());
     frame.render_widget(Paragraph::new(HELP).block(block), place);

@@ -103,7 +103,8 @@ mod tests {
                 assert!(magnitude(value).chars().count() <= 7, "{}", magnitude(value));
             }
         }
-        for (value, text) in [(-1.23449, "-1.234"), (999.9994, "999.999"), (1000.0, "1000.0"), (0.0, "0.000")] {
+        for (value, text) in [(-1.23449, "-1.234"), (999.9994, "999.999"), (1000.0, "1000.0"), (0.0, "0.000")]
+        {
             assert_eq!(number(value), text);
         }
         for (value, text) in [(0.01234, "0.0123"), (0.5, "0.500"), (0.0, "0"), (f64::INFINITY, "∞")] {

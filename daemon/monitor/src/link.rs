@@ -149,7 +149,9 @@ impl Link {
 
     fn why(&self) -> Result<String, ClientError> {
         Ok(match self.domain.instance_holder(&self.instance)? {
-            Some(pid) => format!("process {pid} runs it and publishes nothing: it is stopped, hangs, or starts"),
+            Some(pid) => {
+                format!("process {pid} runs it and publishes nothing: it is stopped, hangs, or starts")
+            }
             None => format!(
                 "no process runs it; start it: daemon run --instance {} --root {}",
                 self.instance,

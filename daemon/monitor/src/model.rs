@@ -270,8 +270,8 @@ impl Model {
         let Some(before) = before.filter(|before| before.stamp_ns < truth.stamp_ns) else { return };
         while let Some(estimate) = self.pending.front().filter(|e| e.stamp_ns <= truth.stamp_ns) {
             if estimate.stamp_ns > before.stamp_ns {
-                let part = (estimate.stamp_ns - before.stamp_ns) as f64
-                    / (truth.stamp_ns - before.stamp_ns) as f64;
+                let part =
+                    (estimate.stamp_ns - before.stamp_ns) as f64 / (truth.stamp_ns - before.stamp_ns) as f64;
                 let squares = squared_errors(estimate, &before, truth, part);
                 let step_ns = estimate.stamp_ns.saturating_sub(self.squared_to_ns) as f64;
                 let share = (step_ns / TRUTH_AVERAGE_NS).clamp(0.0, 1.0);
@@ -311,9 +311,8 @@ impl Model {
     /// Bits of the newest estimate, and those seen shortly before it.
     pub fn recent_bits(&self) -> u64 {
         let Some(estimate) = &self.estimate else { return 0 };
-        let recent = |seen_ns: u64| {
-            seen_ns > 0 && estimate.publish_stamp_ns.saturating_sub(seen_ns) <= BIT_SHOWN_NS
-        };
+        let recent =
+            |seen_ns: u64| seen_ns > 0 && estimate.publish_stamp_ns.saturating_sub(seen_ns) <= BIT_SHOWN_NS;
         let bits = self.bits_seen_ns.iter().enumerate().filter(|(_, seen_ns)| recent(**seen_ns));
         bits.fold(estimate.status, |bits, (bit, _)| bits | (1 << bit))
     }

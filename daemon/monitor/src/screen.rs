@@ -228,8 +228,10 @@ impl Screen<'_> {
             None | Some(Err(mpsc::TryRecvError::Empty)) => {}
             Some(answer) => {
                 self.answer = None;
-                let (level, text) = answer
-                    .unwrap_or((Level::Alarm, "the command's thread has ended: a defect, please report it".into()));
+                let (level, text) = answer.unwrap_or((
+                    Level::Alarm,
+                    "the command's thread has ended: a defect, please report it".into(),
+                ));
                 self.say(level, &text);
             }
         }

@@ -263,7 +263,13 @@ pub fn sample_lines(model: &Model, theme: Theme, width: usize, n_lines: usize) -
 pub fn latency_lines(model: &Model, theme: Theme, is_wide: bool) -> Vec<Line<'static>> {
     type Column = (&'static str, fn(&LatencySummary) -> u64);
     let columns: &[Column] = if is_wide {
-        &[("p50", |l| l.p50), ("p90", |l| l.p90), ("p99", |l| l.p99), ("p99.9", |l| l.p999), ("max", |l| l.max)]
+        &[
+            ("p50", |l| l.p50),
+            ("p90", |l| l.p90),
+            ("p99", |l| l.p99),
+            ("p99.9", |l| l.p999),
+            ("max", |l| l.max),
+        ]
     } else {
         &[("p50", |l| l.p50), ("p99", |l| l.p99), ("max", |l| l.max)]
     };

@@ -68,7 +68,9 @@ pub fn verdict(model: &Model, now: Now) -> (Level, String) {
         return (Level::Caution, "PREDICTING with what was learned".into());
     }
     match notes(model, now).iter().map(|note| note.level).max() {
-        Some(Level::Alarm | Level::Caution) => (Level::Caution, format!("TRACKING, {learning}; but see below")),
+        Some(Level::Alarm | Level::Caution) => {
+            (Level::Caution, format!("TRACKING, {learning}; but see below"))
+        }
         _ => (Level::Good, format!("TRACKING, {learning}")),
     }
 }
@@ -80,7 +82,11 @@ pub fn notes(model: &Model, now: Now) -> Vec<Note> {
     if let Presence::Away { why, .. } = &model.presence {
         note(Level::Alarm, "away", why.clone());
         if model.estimate.is_some() {
-            note(Level::Info, "below", "what was heard last; it goes on by itself when the service is back".into());
+            note(
+                Level::Info,
+                "below",
+                "what was heard last; it goes on by itself when the service is back".into(),
+            );
         }
         return notes;
     }
@@ -103,7 +109,8 @@ fn of_bits(model: &Model, note: &mut impl FnMut(Level, &'static str, String)) {
         note(
             Level::Alarm,
             "invalid",
-            "the loop has been late for too long; lower rate_hz or use fewer centers; see daemon doctor".into(),
+            "the loop has been late for too long; lower rate_hz or use fewer centers; see daemon doctor"
+                .into(),
         );
     }
     if is_set(bits::WAITING) {
@@ -114,11 +121,7 @@ fn of_bits(model: &Model, note: &mut impl FnMut(Level, &'static str, String)) {
         );
     } else if is_set(bits::STALE) {
         let age = model.status.map_or("some time".into(), |status| duration_ns(status.newest_sample_age_ns));
-        note(
-            Level::Alarm,
-            "stale",
-            format!("no good sample for {age}; does the vehicle's process run?"),
-        );
+        note(Level::Alarm, "stale", format!("no good sample for {age}; does the vehicle's process run?"));
     }
     if is_set(bits::PREDICT_ONLY) {
         note(
@@ -131,10 +134,8 @@ fn of_bits(model: &Model, note: &mut impl FnMut(Level, &'static str, String)) {
     }
     // Where no sample comes at all, that is said already.
     for part in Part::ALL.into_iter().filter(|part| is_set(part.coasting_bit()) && !is_set(bits::WAITING)) {
-        let (word, output) = (
-            ["coasting-translation", "coasting-rotation", "coasting-linear"][part as usize],
-            part.output(),
-        );
+        let (word, output) =
+            (["coasting-translation", "coasting-rotation", "coasting-linear"][part as usize], part.output());
         let age_s = part.channel(estimate).output_age_s;
         note(
             Level::Caution,
@@ -183,7 +184,11 @@ fn of_bits(model: &Model, note: &mut impl FnMut(Level, &'static str, String)) {
         );
     }
     if is_set(bits::FROZEN) {
-        note(Level::Info, "frozen", "an operator has frozen learning; what was learned is used; f: learn again".into());
+        note(
+            Level::Info,
+            "frozen",
+            "an operator has frozen learning; what was learned is used; f: learn again".into(),
+        );
     }
 }
 
@@ -219,12 +224,17 @@ fn of_counters(model: &Model, status: &Status, note: &mut impl FnMut(Level, &'st
         note(
             Level::Caution,
             "snapshot",
-            "could not be written: what is learned would be lost; is the disk full? (the service's log)".into(),
+            "could not be written: what is learned would be lost; is the disk full? (the service's log)"
+                .into(),
         );
     }
     let not_recorded = model.growth(|status| status.ticks_not_recorded);
     if not_recorded > 0 {
-        note(Level::Caution, "flight record", format!("{not_recorded} ticks not recorded in 10 s: the disk is slow"));
+        note(
+            Level::Caution,
+            "flight record",
+            format!("{not_recorded} ticks not recorded in 10 s: the disk is slow"),
+        );
     }
     let refused = real_time::words(status.real_time_requested & !status.real_time_granted);
     if !refused.is_empty() {
@@ -236,7 +246,12 @@ fn of_counters(model: &Model, status: &Status, note: &mut impl FnMut(Level, &'st
     }
 }
 
-fn of_the_start(model: &Model, status: &Status, now: Now, note: &mut impl FnMut(Level, &'static str, String)) {
+fn of_the_start(
+    model: &Model,
+    status: &Status,
+    now: Now,
+    note: &mut impl FnMut(Level, &'static str, String),
+) {
     /// How long after its start the service's start is news (ns).
     const NEWS_NS: u64 = 15_000_000_000;
     let age_ns = now.monotonic_ns.saturating_sub(status.start_stamp_ns);
@@ -254,7 +269,8 @@ fn of_the_start(model: &Model, status: &Status, now: Now, note: &mut impl FnMut(
 
 /// The quantities whose counts grew.
 fn grown(model: &Model, counts: fn(&Status) -> [u64; 3]) -> String {
-    let names = Part::ALL.into_iter().filter(|&part| model.growth(|status| counts(status)[part as usize]) > 0);
+    let names =
+        Part::ALL.into_iter().filter(|&part| model.growth(|status| counts(status)[part as usize]) > 0);
     let names: Vec<_> = names.map(Part::output).collect();
     if names.is_empty() { "output".into() } else { names.join(" and ") }
 }

@@ -16,10 +16,11 @@ fn role() {
 fn each_estimate_is_a_line_across_a_killed_service() {
     let domain = TestDomain::new();
     // Before there is a service: it waits.
-    let mut monitor = monitor(&domain, &["--json"]).stdout(Stdio::piped()).stderr(Stdio::null()).spawn().unwrap();
-    let mut lines = BufReader::new(monitor.stdout.take().unwrap()).lines().map(|line| {
-        serde_json::from_str::<Value>(&line.unwrap()).unwrap()
-    });
+    let mut monitor =
+        monitor(&domain, &["--json"]).stdout(Stdio::piped()).stderr(Stdio::null()).spawn().unwrap();
+    let mut lines = BufReader::new(monitor.stdout.take().unwrap())
+        .lines()
+        .map(|line| serde_json::from_str::<Value>(&line.unwrap()).unwrap());
     let service = Role::start(&domain, "daemon run --preset rigid-body");
     let vehicle = Role::start(&domain, "sim_publisher run --scenario rigid-body");
     let is_tracking = |line: &Value| line["status_words"].as_array().unwrap().contains(&"tracking".into());
@@ -75,7 +76,12 @@ fn one_status_as_text_and_as_a_document_and_so_many_lines() {
 fn wrong_usage_is_told_from_failure_and_nothing_is_left_behind() {
     let domain = TestDomain::new();
     let run = |arguments: &[&str]| finished(monitor(&domain, arguments).output().unwrap());
-    for wrong in [&["--fps", "0"][..], &["--instance", "a/b"], &["--count", "3"], &["--once", "--json", "--count", "3"]] {
+    for wrong in [
+        &["--fps", "0"][..],
+        &["--instance", "a/b"],
+        &["--count", "3"],
+        &["--once", "--json", "--count", "3"],
+    ] {
         assert_eq!(run(wrong).0, Some(2), "{wrong:?}");
     }
     let (code, _, log) = run(&[]);

@@ -31,7 +31,17 @@ impl Pane {
         let words = std::iter::once(program.get_program()).chain(program.get_args());
         let line: Vec<_> = words.map(|word| format!("'{}'", word.to_str().unwrap())).collect();
         let (columns, lines) = (columns.to_string(), lines.to_string());
-        pane.tmux(&["-f", configuration.to_str().unwrap(), "new-session", "-d", "-x", &columns, "-y", &lines, &line.join(" ")]);
+        pane.tmux(&[
+            "-f",
+            configuration.to_str().unwrap(),
+            "new-session",
+            "-d",
+            "-x",
+            &columns,
+            "-y",
+            &lines,
+            &line.join(" "),
+        ]);
         Some(pane)
     }
 

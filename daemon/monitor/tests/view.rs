@@ -83,7 +83,8 @@ fn plant(t_s: f64) -> Estimate {
 }
 
 fn status(t_s: f64) -> Status {
-    let latency = LatencySummary { count: 12_000, p50: 20_100, p90: 30_000, p99: 51_200, p999: 70_000, max: 99_900 };
+    let latency =
+        LatencySummary { count: 12_000, p50: 20_100, p90: 30_000, p99: 51_200, p999: 70_000, max: 99_900 };
     Status {
         stamp_ns: START_NS + (t_s * 1e9) as u64,
         start_stamp_ns: START_NS - 3_600 * S,
@@ -210,12 +211,18 @@ fn parts_that_do_not_fit_together_take_turns() {
     let mut view = View::new(PLAIN);
     let page = |view: &View, height| text_of(&drawn_with(&model, view, 80, height));
     let first = page(&view, 24);
-    assert!(first.contains("position") && !first.contains("unknown input") && first.contains("tab next"), "{first}");
+    assert!(
+        first.contains("position") && !first.contains("unknown input") && first.contains("tab next"),
+        "{first}"
+    );
     view.page = 1;
     let second = page(&view, 24);
     assert!(second.contains("unknown input") && !second.contains("position"), "{second}");
     let whole = page(&view, 50);
-    assert!(whole.contains("unknown input") && whole.contains("position") && !whole.contains("tab next"), "{whole}");
+    assert!(
+        whole.contains("unknown input") && whole.contains("position") && !whole.contains("tab next"),
+        "{whole}"
+    );
 }
 
 #[test]
@@ -234,17 +241,29 @@ fn the_worst_comes_first_and_what_does_not_fit_is_announced() {
     late.translation.output_age_s = 0.8;
     model.note(News::Estimate(late));
     let text = drawn(&model, 80, 24);
-    assert_shows(&text, &["DO NOT FLY ON THIS", "stale: no good sample for 4 ms", "more: a taller window shows all"]);
-    let text = drawn(&model, 80, 50);
-    assert_shows(&text, &["coasting-translation: no velocity for 0.8 s: predicting", "clamped:", "held-back:", "frozen:"]);
+    assert_shows(
+        &text,
+        &["DO NOT FLY ON THIS", "stale: no good sample for 4 ms", "more: a taller window shows all"],
+    );
+    let text = drawn(&model, 120, 50);
+    assert_shows(
+        &text,
+        &["coasting-translation: no velocity for 0.8 s: predicting", "clamped:", "held-back:", "frozen:"],
+    );
 }
 
 #[test]
 fn a_service_that_is_away_is_said_to_be_over_its_last_estimate() {
     let mut model = heard(body);
-    model.note(News::Away { since_ns: NOW.monotonic_ns - 12 * S, why: "no process runs it; start it: daemon run".into() });
+    model.note(News::Away {
+        since_ns: NOW.monotonic_ns - 12 * S,
+        why: "no process runs it; start it: daemon run".into(),
+    });
     let text = drawn(&model, 80, 24);
-    assert_shows(&text, &["the service is away since 22:13:08 UTC (12 s), waiting", "no process runs it", "12.345"]);
+    assert_shows(
+        &text,
+        &["the service is away since 22:13:08 UTC (12 s), waiting", "no process runs it", "12.345"],
+    );
     model.note(News::Estimate(Estimate { publish_stamp_ns: NOW.monotonic_ns + 1, ..body(61.0) }));
     assert!(!drawn(&model, 80, 24).contains("away"));
 }
