@@ -179,16 +179,13 @@ fn columns(rect: Rect, from: u16, width: u16) -> Rect {
 fn state_title(model: &Model, plan: &Plan, theme: Theme, width: usize) -> Line<'static> {
     let trace_columns = usize::from(trace_columns(width as u16));
     let seconds = trace_columns as f64 * BUCKET_NS as f64 / 1e9;
-    let right = match (truth_text(model), plan.has_pages) {
-        (Some(truth), _) => truth,
-        (None, _) if trace_columns > 0 => format!("the last {seconds:.0} s"),
-        _ => String::new(),
+    let right = match truth_text(model, width.saturating_sub(LABEL)) {
+        Some(truth) => truth,
+        None if trace_columns > 0 => format!("the last {seconds:.0} s"),
+        None => String::new(),
     };
     let title = format!("{:<LABEL$}", if plan.has_pages { " STATE  (tab)" } else { " STATE" });
-    Line::from(vec![
-        Span::styled(title, theme.title()),
-        Span::styled(cut(&right, width.saturating_sub(LABEL)), theme.faint()),
-    ])
+    Line::from(vec![Span::styled(title, theme.title()), Span::styled(right, theme.faint())])
 }
 
 /// Columns of each of three axes.
@@ -347,7 +344,7 @@ fn bottom_line(model: &Model, view: &View, plan: &Plan, width: usize) -> Line<'s
 
 /// What keys do and columns mean.
 const HELP: &str = "\
- q  quit (also Ctrl-C)            p  let the picture stand still, go on
+\x20q  quit (also Ctrl-C)            p  let the picture stand still, go on
  s  write what was learned        f  freeze learning, learn again
  r  forget state and learned      tab, 1, 2  the other part, where both
  ?  this help; any key closes it     do not fit (body; linear plant)
@@ -360,6 +357,7 @@ const HELP: &str = "\
  solver     error of the learned force by the local solver, estimated
  age        of the newest measurement of this channel
 
+ learned    the unknown force, torque or input, as found so far
  learns: the dead zone is open    within: the error is within it
  predicts: no measurement         frozen: by an operator
  Pictures: half a second per column, newest at the right; a blank is a gap.

@@ -16,11 +16,11 @@ pub fn magnitude(value: f64) -> String {
     match value {
         _ if value.is_nan() => "NaN".into(),
         _ if value.is_infinite() => "∞".into(),
-        _ if value == 0.0 => "0".into(),
+        _ if value < 1e-99 => "0".into(),
         _ if value < 1e-4 => format!("{value:.1e}"),
         _ if value < 0.1 => format!("{value:.4}"),
         _ if value < 10.0 => format!("{value:.3}"),
-        _ if value < 1e5 => format!("{value:.1}"),
+        _ if value < 99_999.95 => format!("{value:.1}"),
         _ => format!("{value:.1e}"),
     }
 }

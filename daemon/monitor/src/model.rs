@@ -115,10 +115,10 @@ fn vectors() -> Vec<Vector> {
         Vector::new(Rotation, "rates deg/s", &XYZ, 2.0, |e| {
             e.angular_velocity_rad_s.map(f64::to_degrees).to_vec()
         }),
-        Vector::new(Translation, "force N", &XYZ, 0.5, |e| e.matched_force_n.to_vec()),
-        Vector::new(Rotation, "torque N·m", &XYZ, 0.02, |e| e.matched_torque_n_m.to_vec()),
+        Vector::new(Translation, "learned N", &XYZ, 0.5, |e| e.matched_force_n.to_vec()),
+        Vector::new(Rotation, "learned N·m", &XYZ, 0.02, |e| e.matched_torque_n_m.to_vec()),
         Vector::new(Linear, "state", &NUMBERS, 1e-3, |e| e.state.to_vec()),
-        Vector::new(Linear, "unknown input", &NUMBERS[..6], 1e-3, |e| e.matched_input.to_vec()),
+        Vector::new(Linear, "learned f", &NUMBERS[..6], 1e-3, |e| e.matched_input.to_vec()),
     ]
 }
 

@@ -141,21 +141,25 @@ fn lines_of(note: &Note, theme: Theme, width: usize) -> Vec<Line<'static>> {
     styled
 }
 
-/// The error against the truth, where there is one.
-pub fn truth_text(model: &Model) -> Option<String> {
+/// The error against the truth, where there is one: as much as fits.
+pub fn truth_text(model: &Model, width: usize) -> Option<String> {
     let error = model.truth_error()?;
     let (mut parts, has) = (Vec::new(), model.parts());
     if has.contains(&Part::Translation) {
-        parts.push(format!("{} m", magnitude(error.position_m)));
         parts.push(format!("{} m/s", magnitude(error.velocity_m_s)));
         parts.push(format!("{} N", magnitude(error.force_n)));
+        parts.push(format!("{} m", magnitude(error.position_m)));
     }
     if has.contains(&Part::Rotation) {
         parts.push(format!("{}°", magnitude(error.attitude_rad.to_degrees())));
         parts.push(format!("{}°/s", magnitude(error.angular_velocity_rad_s.to_degrees())));
         parts.push(format!("{} N·m", magnitude(error.torque_n_m)));
     }
-    Some(format!("off the truth: {}", parts.join(", ")))
+    let text = |parts: &[String]| format!("off the truth: {}", parts.join(", "));
+    while text(&parts).chars().count() > width && parts.len() > 1 {
+        parts.pop();
+    }
+    Some(text(&parts))
 }
 
 /// The vectors of these parts, in the order in which they are shown.
@@ -208,7 +212,11 @@ pub fn trust_lines(model: &Model, parts: &[Part], theme: Theme) -> Vec<Line<'sta
                 known(format!("{:.0} %", 100.0 * channel.power_function)),
                 magnitude(channel.native_norm),
                 if channel.solver_error == 0.0 { "exact".into() } else { magnitude(channel.solver_error) },
-                duration(channel.output_age_s),
+                if channel.output_age_s.is_finite() {
+                    duration(channel.output_age_s)
+                } else {
+                    "never".into()
+                },
             )),
         ]));
     }
@@ -240,20 +248,17 @@ pub fn sample_lines(model: &Model, theme: Theme, width: usize, n_lines: usize) -
     );
     let rejections: Vec<_> =
         model.rejections().into_iter().map(|(reason, count)| format!("{count} {}", reason.words())).collect();
-    let source = match status.source_pid {
-        0 => "no source".into(),
-        pid => format!("from process {pid}"),
-    };
-    let age = match status.newest_sample_age_ns {
-        u64::MAX => "none yet".into(),
-        age_ns => format!("newest {} ago", duration_ns(age_ns)),
+    let source = match (status.source_pid, status.newest_sample_age_ns) {
+        (0, u64::MAX) => "none yet".into(),
+        (0, age_ns) => format!("source unknown, {} ago", duration_ns(age_ns)),
+        (pid, age_ns) => format!("process {pid}, {} ago", duration_ns(age_ns)),
     };
     let rejections = match rejections.is_empty() {
         true => String::new(),
         false => format!("; rejected: {}", rejections.join(", ")),
     };
     let mut lines = vec![Line::from(vec![title, Span::raw(facts)])];
-    let rest = wrapped(&format!("{source}, {age}{rejections}"), width.saturating_sub(LABEL + 1).max(20));
+    let rest = wrapped(&format!("{source}{rejections}"), width.saturating_sub(LABEL + 1).max(20));
     lines.extend(rest.into_iter().map(|line| Line::raw(format!("{:LABEL$}{line}", ""))));
     lines.truncate(n_lines);
     lines
@@ -313,7 +318,7 @@ pub fn service_lines(model: &Model, theme: Theme) -> Vec<Line<'static>> {
         false => format!("real time  refused {refused}; granted {granted}"),
     });
     fact(format!(
-        "late       {} ticks, at most {}; missed {}",
+        "late       {}, at most {}; {} missed",
         status.late_ticks_in_a_row, status.most_late_ticks_in_a_row, status.deadline_misses
     ));
     let newest = match status.snapshot_stamp_ns {
@@ -355,7 +360,7 @@ pub fn text(model: &Model, now: Now, width: usize) -> String {
     let mut lines = vec![heading(model, theme, width), verdict_line(model, now, theme, width)];
     lines.extend(note_lines(model, now, theme, width, 40));
     lines.push(Line::raw(""));
-    lines.push(Line::raw(format!(" STATE  {}", truth_text(model).unwrap_or_default())));
+    lines.push(Line::raw(format!(" STATE  {}", truth_text(model, width).unwrap_or_default())));
     lines.extend(state_lines(model, &parts));
     for section in [
         trust_lines(model, &parts, theme),

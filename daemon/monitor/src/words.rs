@@ -1,6 +1,6 @@
 //! What the status means and what to do about it, in plain English.
 
-use crate::format::{duration, duration_ns, running, utc};
+use crate::format::{duration, duration_ns, utc};
 use crate::model::{Model, Part, Presence};
 use shared_types::Status;
 use shared_types::payload::{real_time, restored, status_bits as bits};
@@ -264,7 +264,7 @@ fn of_the_start(
         _ => "with nothing learned",
     };
     let again = if model.restarts > 0 { "again " } else { "" };
-    note(Level::Info, "started", format!("{again}{} ago, {with}", running(age_ns)));
+    note(Level::Info, "started", format!("{again}{} ago, {with}", duration_ns(age_ns)));
 }
 
 /// The quantities whose counts grew.

@@ -145,7 +145,7 @@ const ESSENTIAL: [&str; 26] = [
     "used 12000 (200/s)",
     "lost 12",
     "rejected 3",
-    "from process 4711",
+    "process 4711",
     "1 not finite",
     "20.1",
     "refused priority",
@@ -200,7 +200,7 @@ fn any_size_is_drawn() {
 #[test]
 fn a_linear_plant_shows_as_many_components_as_it_uses() {
     let text = drawn(&heard(plant), 80, 24);
-    assert_shows(&text, &["state", "unknown input", "5.500", "0.750", "-0.850", "linear"]);
+    assert_shows(&text, &["state", "learned f", "5.500", "0.750", "-0.850", "linear"]);
     let axes = |n: &str| text.lines().filter(|line| line.contains(&format!(" {n}    "))).count();
     assert!(axes("5") == 1 && axes("6") == 0 && !text.contains("position"), "{text}");
 }
@@ -212,15 +212,15 @@ fn parts_that_do_not_fit_together_take_turns() {
     let page = |view: &View, height| text_of(&drawn_with(&model, view, 80, height));
     let first = page(&view, 24);
     assert!(
-        first.contains("position") && !first.contains("unknown input") && first.contains("tab next"),
+        first.contains("position") && !first.contains("learned f") && first.contains("tab next"),
         "{first}"
     );
     view.page = 1;
     let second = page(&view, 24);
-    assert!(second.contains("unknown input") && !second.contains("position"), "{second}");
+    assert!(second.contains("learned f") && !second.contains("position"), "{second}");
     let whole = page(&view, 50);
     assert!(
-        whole.contains("unknown input") && whole.contains("position") && !whole.contains("tab next"),
+        whole.contains("learned f") && whole.contains("position") && !whole.contains("tab next"),
         "{whole}"
     );
 }
