@@ -59,7 +59,11 @@ pub fn utc(unix_s: u64) -> String {
 /// A latency in µs, in at most seven characters.
 pub fn micros(ns: u64) -> String {
     let us = ns as f64 / 1e3;
-    if us < 99_999.0 { format!("{us:.1}") } else { format!("{:.0}ms", us / 1e3) }
+    match us {
+        _ if us < 99_999.0 => format!("{us:.1}"),
+        _ if us < 99_999e3 => format!("{:.0}ms", us / 1e3),
+        _ => format!("{:.0}s", us / 1e6),
+    }
 }
 
 /// Lines of at most `width` characters, broken between words.

@@ -130,13 +130,12 @@ impl Screen<'_> {
         while !stop.load(Ordering::Relaxed) {
             let wait = due.saturating_duration_since(Instant::now()).min(LISTEN_AT_MOST);
             if event::poll(wait).context("listen to the keys")? {
-                match event::read().context("listen to the keys")? {
-                    Event::Key(key) if key.kind == KeyEventKind::Press => {
-                        if !self.obey(key) {
-                            return Ok(());
-                        }
-                    }
-                    _ => {}
+                let event = event::read().context("listen to the keys")?;
+                if let Event::Key(key) = event
+                    && key.kind == KeyEventKind::Press
+                    && !self.obey(key)
+                {
+                    return Ok(());
                 }
                 due = due.min(drawn + KEY_ECHO);
             }
