@@ -269,7 +269,7 @@ impl Model {
         let before = self.truth.replace(*truth);
         let Some(before) = before.filter(|before| before.stamp_ns < truth.stamp_ns) else { return };
         while let Some(estimate) = self.pending.front().filter(|e| e.stamp_ns <= truth.stamp_ns) {
-            if true {
+            if estimate.stamp_ns >= before.stamp_ns {
                 let part =
                     (estimate.stamp_ns - before.stamp_ns) as f64 / (truth.stamp_ns - before.stamp_ns) as f64;
                 let squares = squared_errors(estimate, &before, truth, part);
