@@ -5,7 +5,8 @@
 use crate::link::{Link, News};
 use crate::model::{Model, Presence};
 use crate::screen::{self, now};
-use crate::sections::{Theme, text};
+use crate::sections::text;
+use crate::theme::Theme;
 use anyhow::Context;
 use clap::Parser;
 use serde::Serialize;
@@ -25,7 +26,7 @@ use std::time::Duration;
 /// A live view of the estimation service: state, learned force, trust, samples, latencies, in a terminal.
 ///
 /// Reads shared memory like any other reader, and follows the service when it is started again.
-/// Needs a terminal of 80 × 24 or more; ? shows the keys.
+/// Needs a terminal of 80 × 24 for the whole view; ? shows the keys.
 #[derive(Debug, Parser)]
 #[command(
     name = "monitor",
@@ -40,12 +41,13 @@ struct Arguments {
     #[arg(long, value_name = "PATH", env = shared_types::domain::ROOT_VARIABLE)]
     root: Option<PathBuf>,
     /// Pictures per second at most, 0.1 to 60: fewer on a slow link
-    #[arg(long, value_name = "HZ", default_value_t = 10.0, value_parser = parse_fps)]
+    #[arg(long, value_name = "HZ", default_value_t = 5.0, value_parser = parse_fps)]
     fps: f64,
     /// Print the status once as text; with --json as one document
     #[arg(long)]
     once: bool,
-    /// Print each estimate as a line of JSON; null is a number that is infinite (no measurement yet, coasting)
+    /// Print each estimate as a line of JSON: the fields of an Estimate, units in their names, and status_words;
+    /// null is a number that is not finite (no measurement yet, coasting)
     #[arg(long)]
     json: bool,
     /// End after this many estimates
@@ -95,8 +97,8 @@ fn is_broken_pipe(error: &anyhow::Error) -> bool {
 }
 
 #[derive(Debug, thiserror::Error)]
-#[error("the output is no terminal; needed: one, or --once (text), or --json (a line per estimate)")]
-struct NoTerminal;
+#[error("{0}; needed: a terminal that places its cursor, or --once (text), or --json (a line per estimate)")]
+struct NoTerminal(&'static str);
 
 fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let domain = match &arguments.root {
@@ -106,12 +108,18 @@ fn run(arguments: &Arguments) -> anyhow::Result<()> {
     check_instance_name(&arguments.instance)?;
     let stop = Arc::new(AtomicBool::new(false));
     for signal in [SIGINT, SIGTERM, SIGHUP] {
-        signal_hook::flag::register(signal, Arc::clone(&stop)).context("register signal handler")?;
+        // A second one ends the program at once: the first may wait for a terminal that takes nothing any more.
+        signal_hook::flag::register_conditional_default(signal, Arc::clone(&stop))
+            .and_then(|_| signal_hook::flag::register(signal, Arc::clone(&stop)))
+            .context("register signal handler")?;
     }
     match arguments {
         Arguments { once: true, json, instance, .. } => once(&domain, instance, *json),
         Arguments { json: true, count, instance, .. } => lines(&domain, instance, *count, &stop),
-        _ if !stdout().is_terminal() => Err(NoTerminal.into()),
+        _ if !stdout().is_terminal() => Err(NoTerminal("the output is no terminal").into()),
+        _ if std::env::var_os("TERM").is_some_and(|term| term == "dumb") => {
+            Err(NoTerminal("TERM is 'dumb'").into())
+        }
         Arguments { instance, fps, .. } => {
             let no_colour = std::env::var_os("NO_COLOR").is_some_and(|value| !value.is_empty());
             screen::run(&domain, instance, *fps, Theme { is_coloured: !no_colour }, &stop)

@@ -1,21 +1,24 @@
 //! Where things stand on the screen: a pure function of model, view and size.
 //!
 //! With 80 columns and 24 lines everything that matters is there; more lines make the pictures of the past taller and
-//! show more notes and facts, more columns make them longer.
+//! show more notes and facts, more columns make them longer. With less there are lines of text, what matters most first.
 
 use crate::format::{cut, number};
 use crate::history::BUCKET_NS;
+use crate::keys::draw_bottom;
 use crate::model::{Model, Part, Presence, Vector};
+use crate::pictures::{HISTOGRAM_COLUMNS, draw_histogram, draw_trace, range};
 use crate::sections::{
-    LABEL, Theme, heading, latency_lines, note_lines, sample_lines, service_lines, trust_lines, truth_text,
-    vectors_of, verdict_line,
+    LABEL, heading, latency_lines, note_lines, sample_lines, service_lines, state_lines, trust_lines,
+    truth_text, vectors_of, verdict_line,
 };
+use crate::theme::Theme;
 use crate::words::{Level, Now};
 use ratatui::Frame;
 use ratatui::layout::Rect;
 use ratatui::style::{Modifier, Style};
 use ratatui::text::{Line, Span};
-use ratatui::widgets::{Block, Clear, Paragraph, Sparkline};
+use ratatui::widgets::Paragraph;
 
 /// What the operator has chosen.
 #[derive(Debug, Clone, PartialEq)]
@@ -41,8 +44,12 @@ impl View {
     }
 }
 
+/// Columns and lines that the whole view needs.
+const WHOLE: (u16, u16) = (80, 24);
 /// Columns from which on latency and channels get their wide form.
 const WIDE: u16 = 110;
+/// Columns from which on there is room for a histogram.
+const WITH_HISTOGRAM: u16 = 180;
 /// Columns of the narrow and the wide latencies, and the space behind.
 const LATENCY_COLUMNS: [u16; 2] = [43, 72];
 /// Columns of the table of trust.
@@ -56,9 +63,12 @@ pub fn draw(frame: &mut Frame<'_>, model: &Model, view: &View, now: Now) {
     if area.width == 0 || area.height == 0 {
         return;
     }
+    if area.width < WHOLE.0 || area.height < WHOLE.1 {
+        return draw_small(frame, model, view, now);
+    }
     let plan = Plan::of(model, view, area);
     let (theme, width) = (view.theme, usize::from(area.width));
-    let mut rows = Rows { area: Rect { height: area.height.saturating_sub(1), ..area }, y: 0 };
+    let mut rows = Rows { area: Rect { height: area.height - 1, ..area }, y: 0 };
     rows.line(frame, heading(model, theme, width));
     rows.line(frame, verdict_line(model, now, theme, width));
     let notes = note_lines(model, now, theme, width, plan.notes);
@@ -82,11 +92,30 @@ pub fn draw(frame: &mut Frame<'_>, model: &Model, view: &View, now: Now) {
     rows.gap(plan.has_gaps);
     draw_latency_and_service(frame, &mut rows, model, theme, old);
 
-    let bottom = Rect { y: area.bottom() - 1, height: 1, ..area };
-    frame.render_widget(bottom_line(model, view, &plan, width), bottom);
-    if view.shows_help {
-        draw_help(frame, theme);
+    let pages = if plan.has_pages { "  tab next" } else { "" };
+    draw_bottom(frame, model, view, pages);
+}
+
+/// As many lines of text as there is room for, those that are too long with a mark.
+fn draw_small(frame: &mut Frame<'_>, model: &Model, view: &View, now: Now) {
+    let area = frame.area();
+    let (theme, width) = (view.theme, usize::from(area.width));
+    let mut rows = Rows { area: Rect { height: area.height - 1, ..area }, y: 0 };
+    let all = model.parts();
+    let notes = note_lines(model, now, theme, width, usize::from(area.height / 3).max(1));
+    let lines = [heading(model, theme, width), verdict_line(model, now, theme, width)]
+        .into_iter()
+        .chain(notes)
+        .chain(state_lines(model, &all))
+        .chain(trust_lines(model, &all, theme))
+        .chain(sample_lines(model, theme, width, 3));
+    for line in lines {
+        match line.width() > width {
+            true => rows.line(frame, Line::styled(cut(&line.to_string(), width), line.style)),
+            false => rows.line(frame, line),
+        }
     }
+    draw_bottom(frame, model, view, &format!("  {}×{} shows all", WHOLE.0, WHOLE.1));
 }
 
 /// How the lines are shared out.
@@ -104,8 +133,9 @@ impl Plan {
     /// The least lines come first; what is left over goes to gaps, then to taller traces, then to notes.
     fn of(model: &Model, view: &View, area: Rect) -> Self {
         let all = model.parts();
+        let samples = sample_lines(model, view.theme, usize::from(area.width), 3).len().max(2);
         // Heading, verdict, titles of state and trust, samples, latencies, keys.
-        let least = |parts: &[Part]| 2 + 2 + 2 + 5 + 1 + state_rows(model, parts) + parts.len();
+        let least = |parts: &[Part]| 2 + 2 + samples + 5 + 1 + state_rows(model, parts) + parts.len();
         const LEAST_NOTES: usize = 3;
         let height = usize::from(area.height);
         let (body, linear): (Vec<_>, Vec<_>) = all.iter().copied().partition(|part| *part != Part::Linear);
@@ -131,7 +161,6 @@ impl Plan {
         // The rest of the service's facts, at the bottom.
         take(5);
         notes += take(2);
-        let samples = 2 + take(1);
         while trace_height < 4 && n_rows > 0 && take(n_rows) > 0 {
             trace_height += 1;
         }
@@ -218,7 +247,7 @@ fn draw_vector(
                 LABEL as u16 + k as u16 * axis_columns(rect.width),
                 axis_columns(rect.width).max(VALUE),
             );
-            let value = format!("{:>9}", number(vector.now[component]));
+            let value = format!("{:>9}", number(vector.now[component], vector.decimals()));
             let mut lines = vec![Line::from(vec![
                 Span::styled(format!("{axis:<2}"), theme.faint()),
                 Span::styled(value, old.add_modifier(Modifier::BOLD)),
@@ -227,47 +256,19 @@ fn draw_vector(
             let values = vector.histories[component].last(usize::from(trace.width), now.monotonic_ns);
             if let Some((low, high)) = range(&values, vector.least_span) {
                 if plan.trace_height >= 3 {
-                    let faint = |value: f64| Line::styled(format!("  {:>9}", number(value)), theme.faint());
+                    let faint = |sign: char, value: f64| {
+                        let value = number(value, vector.decimals());
+                        Line::styled(format!("{sign} {value:>9}"), theme.faint())
+                    };
                     lines.resize(usize::from(plan.trace_height), Line::default());
-                    lines[1] = faint(high);
-                    lines[usize::from(plan.trace_height) - 1] = faint(low);
+                    lines[1] = faint('↑', high);
+                    lines[usize::from(plan.trace_height) - 1] = faint('↓', low);
                 }
                 draw_trace(frame, trace, &values, (low, high), theme);
             }
             frame.render_widget(Paragraph::new(lines), columns(place, 0, VALUE));
         }
     }
-}
-
-/// Least and greatest value that a picture spans; `None` where there is nothing to show.
-fn range(values: &[Option<f64>], least_span: f64) -> Option<(f64, f64)> {
-    let known = || values.iter().flatten().copied();
-    let (low, high) = (known().fold(f64::INFINITY, f64::min), known().fold(f64::NEG_INFINITY, f64::max));
-    if low > high {
-        return None;
-    }
-    let widen = ((least_span.max(1e-9 * low.abs().max(high.abs())) - (high - low)) / 2.0).max(0.0);
-    Some((low - widen, high + widen))
-}
-
-/// Bars from the least value up; at least one eighth, so that a gap is told from a low value.
-fn draw_trace(
-    frame: &mut Frame<'_>,
-    rect: Rect,
-    values: &[Option<f64>],
-    (low, high): (f64, f64),
-    theme: Theme,
-) {
-    if rect.is_empty() {
-        return;
-    }
-    let levels = u64::from(rect.height) * 8;
-    let bar = |value: f64| 1 + ((value - low) / (high - low) * (levels - 1) as f64).round() as u64;
-    let bars: Vec<Option<u64>> = values.iter().map(|value| value.map(bar)).collect();
-    frame.render_widget(
-        Sparkline::default().data(bars).max(levels).absent_value_symbol(" ").style(theme.trace()),
-        rect,
-    );
 }
 
 fn draw_trust(
@@ -283,14 +284,16 @@ fn draw_trust(
         let Some(rect) = rows.next(1) else { return };
         frame.render_widget(line.patch_style(old), rect);
         let rest = columns(rect, TRUST_COLUMNS + 2, u16::MAX);
-        let half = rest.width / 2;
-        if half < 10 {
+        let pictures = [
+            (&model.output_errors, "error until now"),
+            (&model.activations, "σ until now"),
+            (&model.native_norms, "norm until now"),
+        ];
+        let each = rest.width / pictures.len() as u16;
+        if each < 17 {
             continue;
         }
-        for (side, histories, name) in
-            [(0, &model.output_errors, "error until now"), (1, &model.native_norms, "norm until now")]
-        {
-            let place = columns(rest, side * half, half - 2);
+        for (place, (histories, name)) in (0..).map(|n| columns(rest, n * each, each - 2)).zip(pictures) {
             if k == 0 {
                 frame.render_widget(Line::styled(name, theme.title()), place);
                 continue;
@@ -309,67 +312,26 @@ fn draw_latency_and_service(frame: &mut Frame<'_>, rows: &mut Rows, model: &Mode
     let latency_columns = LATENCY_COLUMNS[usize::from(is_wide)];
     let latencies = latency_lines(model, theme, is_wide);
     let service = service_lines(model, theme);
-    for k in 0..latencies.len().max(service.len()) {
-        let Some(rect) = rows.next(1) else { return };
+    let n_lines = latencies.len().max(service.len());
+    let whole =
+        Rect { y: rows.area.y + rows.y, height: rows.area.height.saturating_sub(rows.y), ..rows.area };
+    let histogram = columns(whole, whole.width.saturating_sub(HISTOGRAM_COLUMNS), HISTOGRAM_COLUMNS);
+    let has_histogram = whole.width >= WITH_HISTOGRAM;
+    for k in 0..n_lines {
+        let Some(rect) = rows.next(1) else { break };
         if let Some(line) = latencies.get(k) {
             frame.render_widget(line.clone().patch_style(old), columns(rect, 0, latency_columns));
         }
         if let Some(line) = service.get(k) {
-            let place = columns(rect, latency_columns + 1, u16::MAX);
+            let end = if has_histogram { HISTOGRAM_COLUMNS + 2 } else { 0 };
+            let place =
+                columns(rect, latency_columns + 1, rect.width.saturating_sub(latency_columns + 1 + end));
             let text = cut(&line.to_string(), usize::from(place.width));
             frame.render_widget(Line::styled(text, line.style.patch(old)), place);
         }
     }
-}
-
-fn bottom_line(model: &Model, view: &View, plan: &Plan, width: usize) -> Line<'static> {
-    let theme = view.theme;
-    if view.asks_reset {
-        let question = " Forget the state and all that was learned? y: yes, any other key: no";
-        return Line::styled(format!("{question:<width$}"), theme.banner(Level::Alarm));
+    if has_histogram {
+        let place = Rect { height: histogram.height.min(n_lines as u16), ..histogram };
+        draw_histogram(frame, place, "SAMPLE TO OUTPUT, how often", &model.sample_to_output, theme);
     }
-    let freeze = if model.is_frozen() { "f learn again" } else { "f freeze" };
-    if let Some((level, verdict)) = &view.paused {
-        let answer = view.message.as_ref().map_or(String::new(), |(_, text)| format!("; {text}"));
-        let text = cut(&format!(" PAUSED, p goes on; now: {verdict}{answer}"), width);
-        return Line::styled(format!("{text:<width$}"), theme.banner(Level::Caution.max(*level)));
-    }
-    let pages = if plan.has_pages { "  tab next" } else { "" };
-    if let Some((level, text)) = &view.message {
-        return Line::styled(format!(" {}", cut(text, width.saturating_sub(1))), theme.word(*level));
-    }
-    let keys = format!(" q quit  p pause  s save  {freeze}  r reset{pages}  ? help");
-    Line::styled(keys, theme.faint())
-}
-
-/// What keys do and columns mean.
-const HELP: &str = "\
-\x20q  quit (also Ctrl-C)            p  let the picture stand still, go on
- s  write what was learned        f  freeze learning, learn again
- r  forget state and learned      tab, 1, 2  the other part, where both
- ?  this help; any key closes it     do not fit (body; linear plant)
-
- error      size of the output error: measured minus estimated
- bound      what it settles below, if daemon check says so; no covariance
- σ          the dead zone's output; 0: within the noise, nothing learned
- uncovered  0 %: at a center; 100 %: no center knows this motion
- norm       of the learned function in its native space
- solver     error of the learned force by the local solver, estimated
- age        of the newest measurement of this channel
-
- learned    the unknown force, torque or input, as found so far
- learns: the dead zone is open    within: the error is within it
- predicts: no measurement         frozen: by an operator
- Pictures: half a second per column, newest at the right; a blank is a gap.
- \"off the truth\": mean over 2 s, where a simulator tells the truth.";
-
-fn draw_help(frame: &mut Frame<'_>, theme: Theme) {
-    let area = frame.area();
-    let height = (HELP.lines().count() as u16 + 2).min(area.height);
-    let width = 78.min(area.width);
-    let place =
-        Rect { x: area.x + (area.width - width) / 2, y: area.y + (area.height - height) / 2, width, height };
-    frame.render_widget(Clear, place);
-    let block = Block::bordered().title(" help ").border_style(theme.title());
-    frame.render_widget(Paragraph::new(HELP).block(block), place);
 }

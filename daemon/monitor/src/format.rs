@@ -1,13 +1,19 @@
 //! Numbers, times and ages in few characters.
 
-/// A number in at most nine characters, its sign included.
-pub fn number(value: f64) -> String {
-    match value.abs() {
-        _ if value.is_nan() => "NaN".into(),
-        size if size.is_infinite() => if value > 0.0 { "∞" } else { "-∞" }.into(),
-        size if size < 999.9995 => format!("{value:.3}"),
-        size if size < 99_999.95 => format!("{value:.1}"),
-        _ => format!("{value:.1e}"),
+/// A number in at most nine characters, its sign included, with so many decimals or as many as fit.
+pub fn number(value: f64, decimals: usize) -> String {
+    const WIDTH: usize = 9;
+    match value {
+        _ if value.is_nan() => return "NaN".into(),
+        f64::INFINITY => return "∞".into(),
+        f64::NEG_INFINITY => return "-∞".into(),
+        _ => {}
+    }
+    let mut with_decimals = (0..=decimals).rev().map(|decimals| format!("{value:.decimals$}"));
+    let text = with_decimals.find(|text| text.len() <= WIDTH).unwrap_or_else(|| format!("{value:.1e}"));
+    match text.strip_prefix('-') {
+        Some(zero) if zero.bytes().all(|digit| matches!(digit, b'0' | b'.')) => zero.into(),
+        _ => text,
     }
 }
 
@@ -103,13 +109,23 @@ mod tests {
         for exponent in -320..=308 {
             for mantissa in [1.0, 9.9999999] {
                 let value = mantissa * 10_f64.powi(exponent);
-                assert!(number(-value).chars().count() <= 9, "{}", number(-value));
+                for decimals in [1, 3, 5] {
+                    let text = number(-value, decimals);
+                    assert!((2..=9).contains(&text.chars().count()), "{text}");
+                }
                 assert!(magnitude(value).chars().count() <= 7, "{}", magnitude(value));
             }
         }
-        for (value, text) in [(-1.23449, "-1.234"), (999.9994, "999.999"), (1000.0, "1000.0"), (0.0, "0.000")]
-        {
-            assert_eq!(number(value), text);
+        for (value, decimals, text) in [
+            (-1.23449, 3, "-1.234"),
+            (1000.0, 3, "1000.000"),
+            (-12345.678, 3, "-12345.68"),
+            (-123.456789, 5, "-123.4568"),
+            (-1e-4, 3, "0.000"),
+            (-12_345_678.0, 3, "-12345678"),
+            (1e9, 3, "1.0e9"),
+        ] {
+            assert_eq!(number(value, decimals), text);
         }
         for (value, text) in [(0.01234, "0.0123"), (0.5, "0.500"), (0.0, "0"), (f64::INFINITY, "∞")] {
             assert_eq!(magnitude(value), text);

@@ -1,11 +1,11 @@
-//! What a quantity was over the last minutes, in buckets of half a second.
+//! What a quantity was over the last minutes, a second to a bucket; how often a latency fell where.
 
 use std::collections::VecDeque;
 
 /// Length of a bucket (ns).
-pub const BUCKET_NS: u64 = 500_000_000;
-/// Buckets that are kept: four minutes.
-pub const BUCKETS: usize = 480;
+pub const BUCKET_NS: u64 = 1_000_000_000;
+/// Buckets that are kept: five minutes.
+pub const BUCKETS: usize = 300;
 
 /// The mean of one quantity per bucket; `None` where nothing came, and where it was not finite.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -60,6 +60,33 @@ impl History {
     }
 }
 
+/// How often a latency fell where, from 1 µs to 10 s, eight bins to a decade; what lies outside is in the end bins.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Histogram {
+    /// Values in each bin.
+    pub counts: [u64; Self::BINS],
+}
+
+impl Default for Histogram {
+    fn default() -> Self {
+        Self { counts: [0; Self::BINS] }
+    }
+}
+
+impl Histogram {
+    /// Bins of each power of ten.
+    pub const BINS_PER_DECADE: usize = 8;
+    /// All bins.
+    pub const BINS: usize = 7 * Self::BINS_PER_DECADE;
+
+    /// Counts a latency.
+    pub fn note(&mut self, latency_ns: u64) {
+        let decades = (latency_ns as f64 / 1e3).log10().max(0.0);
+        let bin = (decades * Self::BINS_PER_DECADE as f64) as usize;
+        self.counts[bin.min(Self::BINS - 1)] += 1;
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -86,5 +113,15 @@ mod tests {
         history.note(u64::MAX, 0.0);
         assert_eq!(history.means.len(), BUCKETS);
         assert_eq!(history.last(BUCKETS, u64::MAX).len(), BUCKETS);
+    }
+
+    #[test]
+    fn latencies_are_counted_by_their_size() {
+        let mut histogram = Histogram::default();
+        for latency_ns in [0, 1_000, 9_999, 10_001, 1_000_100, 9_999_999_999, u64::MAX] {
+            histogram.note(latency_ns);
+        }
+        let filled: Vec<_> = histogram.counts.iter().enumerate().filter(|(_, count)| **count > 0).collect();
+        assert_eq!(filled, [(0, &2), (7, &1), (8, &1), (24, &1), (55, &2)]);
     }
 }

@@ -1,21 +1,16 @@
 //! What is shown, from what the service publishes. Time is an argument: nothing here reads a clock.
 
-use crate::history::History;
+use crate::history::{Histogram, History};
 use crate::link::News;
+use crate::truth::{Comparison, TruthError};
 use shared_types::payload::{Rejection, status_bits};
-use shared_types::{Channel, Estimate, Status, Truth};
+use shared_types::{Channel, Estimate, Status};
 use std::collections::VecDeque;
 
 /// How far back a count that grew is news (ns).
 pub const RECENT_NS: u64 = 10_000_000_000;
 /// How long a status bit of a single estimate is shown (ns).
 pub const BIT_SHOWN_NS: u64 = 2_000_000_000;
-/// Estimates that wait for the true state at their instant; the service keeps no more for a slow reader.
-const PENDING: usize = shared_types::service::ESTIMATE_BUFFER;
-/// Over which the error against the truth is averaged (ns).
-const TRUTH_AVERAGE_NS: f64 = 2e9;
-/// A truth that is older than this tells nothing about now (ns).
-const TRUTH_SHOWN_NS: u64 = 2_000_000_000;
 
 /// The channels of an estimate, in the order of the counters of [`Status`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -40,6 +35,11 @@ impl Part {
     /// What its sensor measures.
     pub fn output(self) -> &'static str {
         ["velocity", "angular velocity", "output"][self as usize]
+    }
+
+    /// The unit of its output, and so of its error and bound; a linear plant's is its configuration's affair.
+    pub fn unit(self) -> Option<&'static str> {
+        [Some("m/s"), Some("rad/s"), None][self as usize]
     }
 
     /// Its report within an estimate.
@@ -96,6 +96,15 @@ impl Vector {
         }
     }
 
+    /// Decimals with which its numbers are shown.
+    pub fn decimals(&self) -> usize {
+        match self.least_span {
+            span if span >= 0.1 => 3,
+            span if span >= 0.01 => 4,
+            _ => 5,
+        }
+    }
+
     /// How many components are shown: of a linear plant, whose size nobody tells, those that were ever other than zero.
     pub fn n_shown(&self) -> usize {
         if self.part == Part::Linear { self.used.max(1) } else { self.axes.len() }
@@ -120,23 +129,6 @@ fn vectors() -> Vec<Vector> {
         Vector::new(Linear, "state", &NUMBERS, 1e-3, |e| e.state.to_vec()),
         Vector::new(Linear, "learned f", &NUMBERS[..6], 1e-3, |e| e.matched_input.to_vec()),
     ]
-}
-
-/// Root mean squares of the estimate's error against the truth, over some two seconds.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct TruthError {
-    /// Position (m).
-    pub position_m: f64,
-    /// Velocity (m/s).
-    pub velocity_m_s: f64,
-    /// Attitude, the angle of the rotation between the two (rad).
-    pub attitude_rad: f64,
-    /// Angular velocity (rad/s).
-    pub angular_velocity_rad_s: f64,
-    /// Learned force against the true one (N).
-    pub force_n: f64,
-    /// Learned torque against the true one (N·m).
-    pub torque_n_m: f64,
 }
 
 /// Where the service is.
@@ -172,6 +164,8 @@ pub struct Model {
     pub vectors: Vec<Vector>,
     /// ‖ỹ‖ of each channel over time.
     pub output_errors: [History; 3],
+    /// σ of each channel over time.
+    pub activations: [History; 3],
     /// ‖f̂_N‖ of each channel over time.
     pub native_norms: [History; 3],
     /// Which channels were ever reported.
@@ -180,10 +174,9 @@ pub struct Model {
     bits_seen_ns: [u64; 64],
     /// Statuses of the last [`RECENT_NS`], of this run of the service.
     statuses: VecDeque<Status>,
-    pending: VecDeque<Estimate>,
-    truth: Option<Truth>,
-    squares: Option<[f64; 6]>,
-    squared_to_ns: u64,
+    comparison: Comparison,
+    /// Source stamp to publication, of estimates with a new sample, of this run of the service as far as it was heard.
+    pub sample_to_output: Histogram,
 }
 
 impl Model {
@@ -197,14 +190,13 @@ impl Model {
             restarts: 0,
             vectors: vectors(),
             output_errors: Default::default(),
+            activations: Default::default(),
             native_norms: Default::default(),
             configured: [false; 3],
             bits_seen_ns: [0; 64],
             statuses: VecDeque::new(),
-            pending: VecDeque::new(),
-            truth: None,
-            squares: None,
-            squared_to_ns: 0,
+            comparison: Comparison::default(),
+            sample_to_output: Histogram::default(),
         }
     }
 
@@ -213,7 +205,7 @@ impl Model {
         match news {
             News::Estimate(estimate) => self.note_estimate(&estimate),
             News::Status(status) => self.note_status(status),
-            News::Truth(truth) => self.note_truth(&truth),
+            News::Truth(truth) => self.comparison.note_truth(&truth),
             News::Away { since_ns, why } => self.presence = Presence::Away { since_ns, why },
         }
     }
@@ -224,6 +216,10 @@ impl Model {
             return;
         }
         let at_ns = estimate.publish_stamp_ns;
+        let sampled_before_ns = self.estimate.map_or(0, |newest| newest.source_stamp_ns);
+        if estimate.source_stamp_ns > sampled_before_ns && sampled_before_ns > 0 {
+            self.sample_to_output.note(at_ns.saturating_sub(estimate.source_stamp_ns));
+        }
         self.estimate = Some(*estimate);
         self.presence = Presence::Here;
         for (bit, seen_ns) in self.bits_seen_ns.iter_mut().enumerate() {
@@ -236,15 +232,13 @@ impl Model {
             self.configured[k] |= *channel != Channel::default();
             let coasts = estimate.status & part.coasting_bit() != 0;
             self.output_errors[k].note(at_ns, if coasts { f64::NAN } else { channel.output_error });
+            self.activations[k].note(at_ns, channel.activation);
             self.native_norms[k].note(at_ns, channel.native_norm);
         }
         for vector in &mut self.vectors {
             vector.note(estimate);
         }
-        self.pending.push_back(*estimate);
-        if self.pending.len() > PENDING {
-            self.pending.pop_front();
-        }
+        self.comparison.note_estimate(estimate);
     }
 
     fn note_status(&mut self, status: Status) {
@@ -255,6 +249,7 @@ impl Model {
             if status.start_stamp_ns != before.start_stamp_ns {
                 self.restarts += 1;
                 self.statuses.clear();
+                self.sample_to_output = Histogram::default();
             }
         }
         while self.statuses.front().is_some_and(|old| status.stamp_ns - old.stamp_ns > RECENT_NS) {
@@ -264,43 +259,9 @@ impl Model {
         self.status = Some(status);
     }
 
-    /// Compares the estimates since the truth before with the truth between the two.
-    fn note_truth(&mut self, truth: &Truth) {
-        let before = self.truth.replace(*truth);
-        let Some(before) = before.filter(|before| before.stamp_ns < truth.stamp_ns) else { return };
-        while let Some(estimate) = self.pending.front().filter(|e| e.stamp_ns <= truth.stamp_ns) {
-            if estimate.stamp_ns >= before.stamp_ns {
-                let part =
-                    (estimate.stamp_ns - before.stamp_ns) as f64 / (truth.stamp_ns - before.stamp_ns) as f64;
-                let squares = squared_errors(estimate, &before, truth, part);
-                let step_ns = estimate.stamp_ns.saturating_sub(self.squared_to_ns) as f64;
-                let share = (step_ns / TRUTH_AVERAGE_NS).clamp(0.0, 1.0);
-                let means = self.squares.get_or_insert(squares);
-                for (mean, square) in means.iter_mut().zip(squares) {
-                    *mean += share * (square - *mean);
-                }
-                self.squared_to_ns = estimate.stamp_ns;
-            }
-            self.pending.pop_front();
-        }
-    }
-
     /// The error against the truth, while a simulator publishes it.
     pub fn truth_error(&self) -> Option<TruthError> {
-        let newest_ns = self.estimate?.stamp_ns;
-        if newest_ns.saturating_sub(self.squared_to_ns) > TRUTH_SHOWN_NS {
-            return None;
-        }
-        let [position_m, velocity_m_s, attitude_rad, angular_velocity_rad_s, force_n, torque_n_m] =
-            self.squares?.map(f64::sqrt);
-        Some(TruthError {
-            position_m,
-            velocity_m_s,
-            attitude_rad,
-            angular_velocity_rad_s,
-            force_n,
-            torque_n_m,
-        })
+        self.comparison.error(self.estimate?.stamp_ns)
     }
 
     /// The channels that this service has.
@@ -350,30 +311,4 @@ impl Model {
     pub fn is_frozen(&self) -> bool {
         self.estimate.is_some_and(|estimate| estimate.status & status_bits::FROZEN != 0)
     }
-}
-
-/// Squared distances of position, velocity, attitude, angular velocity, force and torque from the truth that lies
-/// `part` of the way between two.
-fn squared_errors(estimate: &Estimate, before: &Truth, after: &Truth, part: f64) -> [f64; 6] {
-    let between = |a: f64, b: f64| a + part * (b - a);
-    let square = |estimate: [f64; 3], read: fn(&Truth) -> [f64; 3]| {
-        let (a, b) = (read(before), read(after));
-        (0..3).map(|k| (estimate[k] - between(a[k], b[k])).powi(2)).sum::<f64>()
-    };
-    // The angle between two unit quaternions, of which either sign means the same attitude.
-    let dot = |a: &[f64; 4], b: &[f64; 4]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
-    let (a, b) = (before.attitude_wxyz, after.attitude_wxyz);
-    let sign = dot(&a, &b).signum();
-    let mut truth: [f64; 4] = std::array::from_fn(|k| between(a[k], sign * b[k]));
-    let norm = dot(&truth, &truth).sqrt();
-    truth = truth.map(|component| component / norm);
-    let cosine = dot(&truth, &estimate.attitude_wxyz).abs().min(1.0);
-    [
-        square(estimate.position_m, |truth| truth.position_m),
-        square(estimate.velocity_m_s, |truth| truth.velocity_m_s),
-        (2.0 * cosine.acos()).powi(2),
-        square(estimate.angular_velocity_rad_s, |truth| truth.angular_velocity_rad_s),
-        square(estimate.matched_force_n, |truth| truth.matched_force_n),
-        square(estimate.matched_torque_n_m, |truth| truth.matched_torque_n_m),
-    ]
 }

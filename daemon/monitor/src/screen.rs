@@ -6,7 +6,7 @@
 use crate::draw::{View, draw};
 use crate::link::{Link, News};
 use crate::model::Model;
-use crate::sections::Theme;
+use crate::theme::Theme;
 use crate::words::{Level, Now, verdict};
 use anyhow::Context;
 use ratatui::DefaultTerminal;
@@ -92,6 +92,10 @@ impl Reader {
         };
         Self { model, stop, thread: Some(std::thread::spawn(follow)) }
     }
+
+    fn is_alive(&self) -> bool {
+        self.thread.as_ref().is_some_and(|thread| !thread.is_finished())
+    }
 }
 
 impl Drop for Reader {
@@ -140,6 +144,10 @@ impl Screen<'_> {
                 due = due.min(drawn + KEY_ECHO);
             }
             self.take_answer();
+            anyhow::ensure!(
+                self.reader.is_alive(),
+                "the reading thread has ended: a defect, please report it"
+            );
             if Instant::now() >= due {
                 self.draw(terminal)?;
                 drawn = Instant::now();

@@ -2,66 +2,13 @@
 
 use crate::format::{duration, duration_ns, magnitude, micros, number, running, wrapped};
 use crate::model::{Model, Part, Presence, Vector};
+use crate::theme::Theme;
 use crate::words::{Level, Note, Now, notes, verdict};
-use ratatui::style::{Color, Modifier, Style};
 use ratatui::text::{Line, Span};
 use shared_types::payload::{LatencySummary, real_time, restored, status_bits};
 
 /// Columns of a section's labels.
 pub const LABEL: usize = 14;
-
-/// How things look.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Theme {
-    /// Whether colours are used; without, what matters is bold or reversed.
-    pub is_coloured: bool,
-}
-
-impl Theme {
-    /// A line that must be seen from afar.
-    pub fn banner(self, level: Level) -> Style {
-        let reversed = Style::new().add_modifier(Modifier::REVERSED | Modifier::BOLD);
-        match self.is_coloured {
-            false if level < Level::Caution => Style::new().add_modifier(Modifier::BOLD),
-            false => reversed,
-            true => Style::new().fg(Color::Black).bg(Self::colour(level)).add_modifier(Modifier::BOLD),
-        }
-    }
-
-    /// A word.
-    pub fn word(self, level: Level) -> Style {
-        let bold = Style::new().add_modifier(Modifier::BOLD);
-        match self.is_coloured {
-            true if level != Level::Info => bold.fg(Self::colour(level)),
-            _ => bold,
-        }
-    }
-
-    /// The title of a section.
-    pub fn title(self) -> Style {
-        let bold = Style::new().add_modifier(Modifier::BOLD);
-        if self.is_coloured { bold.fg(Color::Cyan) } else { bold.add_modifier(Modifier::UNDERLINED) }
-    }
-
-    /// What is there for reference.
-    pub fn faint(self) -> Style {
-        Style::new().add_modifier(Modifier::DIM)
-    }
-
-    /// A picture of the past.
-    pub fn trace(self) -> Style {
-        if self.is_coloured { Style::new().fg(Color::Blue) } else { Style::new() }
-    }
-
-    fn colour(level: Level) -> Color {
-        match level {
-            Level::Good => Color::Green,
-            Level::Info => Color::Cyan,
-            Level::Caution => Color::Yellow,
-            Level::Alarm => Color::Red,
-        }
-    }
-}
 
 /// Left and right text in one line, the right one only where there is room.
 pub fn both_sides(left: &str, right: &str, width: usize) -> String {
@@ -174,7 +121,7 @@ pub fn state_lines(model: &Model, parts: &[Part]) -> Vec<Line<'static>> {
         for (row, axes) in vector.axes[..vector.n_shown()].chunks(3).enumerate() {
             let mut text = format!(" {:LABEL$}", if row == 0 { vector.name } else { "" });
             for (k, axis) in axes.iter().enumerate() {
-                text += &format!("{axis:>3} {:>9}", number(vector.now[3 * row + k]));
+                text += &format!("{axis:>3} {:>9}", number(vector.now[3 * row + k], vector.decimals()));
             }
             lines.push(Line::raw(text));
         }
@@ -184,9 +131,18 @@ pub fn state_lines(model: &Model, parts: &[Part]) -> Vec<Line<'static>> {
 
 /// How far each channel can be trusted: a heading, and a line each.
 pub fn trust_lines(model: &Model, parts: &[Part], theme: Theme) -> Vec<Line<'static>> {
+    let units: Vec<_> = parts.iter().filter_map(|part| part.unit()).collect();
     let heading = format!(
-        "{:<LABEL$}{:<9}{:>8}{:>8}{:>8}{:>10}{:>8}{:>8}{:>7}",
-        " TRUST", "", "error", "bound", "σ", "uncovered", "norm", "solver", "age"
+        "{:<w$}{:>8}{:>8}{:>8}{:>10}{:>8}{:>8}{:>7}",
+        format!(" TRUST {}", units.join(", ")),
+        "error",
+        "bound",
+        "σ",
+        "uncovered",
+        "norm",
+        "solver",
+        "age",
+        w = LABEL + 9
     );
     let mut lines = vec![Line::styled(heading, theme.title())];
     let Some(estimate) = &model.estimate else { return lines };
@@ -314,42 +270,47 @@ pub fn service_lines(model: &Model, theme: Theme) -> Vec<Line<'static>> {
     let granted = real_time::words(status.real_time_granted).join(", ");
     let refused = real_time::words(status.real_time_requested & !status.real_time_granted).join(", ");
     fact(match refused.is_empty() {
-        true => format!("real time  granted {granted}"),
-        false => format!("real time  refused {refused}; granted {granted}"),
+        true => format!("real time granted {granted}"),
+        false => format!("real time REFUSED {refused}; granted {granted}"),
     });
-    fact(format!(
-        "late       {}, at most {}; {} missed",
-        status.late_ticks_in_a_row, status.most_late_ticks_in_a_row, status.deadline_misses
-    ));
+    let (missed, most) = (status.deadline_misses, status.most_late_ticks_in_a_row);
+    fact(match status.late_ticks_in_a_row {
+        0 => format!("deadlines {missed} missed, {most} in a row"),
+        late => format!("deadlines LATE now, {late} in a row; {missed} missed"),
+    });
     let newest = match status.snapshot_stamp_ns {
         0 => "none yet".into(),
         stamp_ns => format!("{} ago", duration_ns(status.stamp_ns.saturating_sub(stamp_ns))),
     };
     fact(match status.snapshots_failed {
-        0 => format!("snapshot   {newest}; {} saved", status.snapshots_saved),
-        failed => format!("snapshot   {failed} FAILED; {newest}; {} saved", status.snapshots_saved),
+        0 => format!("snapshot  {newest}; {} saved", status.snapshots_saved),
+        failed => format!("snapshot  {failed} FAILED; {newest}; {} saved", status.snapshots_saved),
     });
     fact(match (status.ticks_recorded, status.ticks_not_recorded) {
-        (0, 0) => "record     none".into(),
-        (written, lost) => format!("record     {written} ticks, {lost} left out"),
+        (0, 0) => "record    none".into(),
+        (written, 0) => format!("record    {written} ticks"),
+        (written, lost) => format!("record    {written} ticks, {lost} LEFT OUT"),
     });
     fact(format!(
-        "learning   {}; clamped {} ticks",
+        "learning  {}; held at its limit for {} ticks",
         if status.adaptation_frozen == 1 { "frozen" } else { "on" },
         status.ticks_clamped
     ));
     fact(format!(
-        "ticks      {} coasting, {} predict-only, {} invalid",
+        "ticks     {} coasting, {} predict-only, {} invalid",
         status.ticks_coasting, status.ticks_predict_only, status.ticks_invalid
     ));
-    fact(format!("resets     of the state by itself: {}", status.state_resets));
+    fact(format!("resets    of the state by itself: {}", status.state_resets));
     let began = match status.snapshot_restored {
         restored::LEARNED => "with what was learned before",
         restored::LEARNED_AND_STATE => "with state and what was learned before",
         _ => "with nothing learned",
     };
-    fact(format!("began      {began}"));
-    fact(format!("sources    {} changes; commands {}", status.source_changes, status.commands));
+    fact(format!("began     {began}"));
+    fact(format!("source    changed {} times; {} commands", status.source_changes, status.commands));
+    if status.records_dropped > 0 {
+        fact(format!("status    {} ticks missing in the latencies", status.records_dropped));
+    }
     lines
 }
 

@@ -50,7 +50,13 @@ pub fn verdict(model: &Model, now: Now) -> (Level, String) {
     if let Presence::Away { since_ns, .. } = &model.presence {
         let since = now.time_of(*since_ns);
         let for_s = duration_ns(now.monotonic_ns.saturating_sub(*since_ns));
-        return (Level::Alarm, format!("the service is away since {since} ({for_s}), waiting"));
+        return match model.estimate {
+            Some(_) => (
+                Level::Alarm,
+                format!("DO NOT FLY ON THIS: the service is away since {since} ({for_s}), waiting"),
+            ),
+            None => (Level::Alarm, format!("NO SERVICE yet; waiting since {since} ({for_s})")),
+        };
     }
     let Some(estimate) = model.estimate else {
         return (Level::Alarm, "looking for the service".into());
@@ -61,11 +67,16 @@ pub fn verdict(model: &Model, now: Now) -> (Level, String) {
         () if model.recent_bits() & bits::ADAPTING != 0 => "learning",
         () => "nothing to learn now",
     };
-    if has(bits::STALE | bits::WAITING | bits::INVALID) {
-        return (Level::Alarm, "DO NOT FLY ON THIS".into());
+    let why_not = [
+        (bits::INVALID, "the loop is late"),
+        (bits::WAITING, "no sample yet"),
+        (bits::STALE, "no sample comes"),
+    ];
+    if let Some((_, why)) = why_not.into_iter().find(|&(bit, _)| has(bit)) {
+        return (Level::Alarm, format!("DO NOT FLY ON THIS: {why}"));
     }
     if has(bits::COASTING | bits::PREDICT_ONLY) {
-        return (Level::Caution, "PREDICTING with what was learned".into());
+        return (Level::Caution, "COASTING: predicting with what was learned".into());
     }
     match notes(model, now).iter().map(|note| note.level).max() {
         Some(Level::Alarm | Level::Caution) => {
@@ -130,7 +141,11 @@ fn of_bits(model: &Model, note: &mut impl FnMut(Level, &'static str, String)) {
             "the loop is late and uses no samples; lower rate_hz or use fewer centers".into(),
         );
     } else if was_set(bits::LATE) {
-        note(Level::Caution, "late", "a tick ended after its next deadline; see daemon doctor".into());
+        let missed = match model.growth(|status| status.deadline_misses) {
+            0 => "a deadline was missed".into(),
+            missed => format!("{missed} deadlines missed in 10 s"),
+        };
+        note(Level::Caution, "late", format!("{missed}; see daemon doctor"));
     }
     // Where no sample comes at all, that is said already.
     for part in Part::ALL.into_iter().filter(|part| is_set(part.coasting_bit()) && !is_set(bits::WAITING)) {
@@ -217,7 +232,7 @@ fn of_counters(model: &Model, status: &Status, note: &mut impl FnMut(Level, &'st
         );
     }
     let missed = model.growth(|status| status.deadline_misses);
-    if missed > 0 {
+    if missed > 0 && model.recent_bits() & (bits::LATE | bits::PREDICT_ONLY | bits::INVALID) == 0 {
         note(Level::Info, "deadlines", format!("{missed} missed in 10 s; see daemon doctor"));
     }
     if model.growth(|status| status.snapshots_failed) > 0 {
@@ -329,7 +344,7 @@ mod tests {
         model.note(News::Away { since_ns, why: "no process runs it".into() });
         let (level, text) = verdict(&model, NOW);
         assert_eq!(level, Level::Alarm);
-        assert_eq!(text, "the service is away since 22:13:08 UTC (12 s), waiting");
+        assert_eq!(text, "DO NOT FLY ON THIS: the service is away since 22:13:08 UTC (12 s), waiting");
         assert_eq!(notes(&model, NOW)[0].text, "no process runs it");
     }
 

@@ -3,7 +3,9 @@
 mod common;
 
 use common::{Role, TestDomain, finished, monitor, play_role, wait_until};
+use rustix::process::Signal;
 use serde_json::Value;
+use shared_types::service::ESTIMATE_BUFFER;
 use std::io::{BufRead, BufReader};
 use std::process::Stdio;
 
@@ -52,6 +54,31 @@ fn each_estimate_is_a_line_across_a_killed_service() {
 }
 
 #[test]
+fn a_stopped_monitor_holds_nobody_up_and_goes_on() {
+    let domain = TestDomain::new();
+    let service = Role::start(&domain, "daemon run --preset rigid-body");
+    wait_until("the service", || domain.status().ticks > 0);
+    let command = monitor(&domain, &["--json"]).stdout(Stdio::piped()).stderr(Stdio::null()).spawn();
+    let mut monitor = Role(command.unwrap());
+    let mut sequences = BufReader::new(monitor.0.stdout.take().unwrap())
+        .lines()
+        .map(|line| serde_json::from_str::<Value>(&line.unwrap()).unwrap()["sequence"].as_u64().unwrap());
+    let first = sequences.next().unwrap();
+    monitor.signal(Signal::STOP);
+    // Twice as many as wait for a slow reader.
+    let enough = first + 2 * ESTIMATE_BUFFER as u64;
+    wait_until("more ticks than are kept for a reader", || domain.status().ticks > enough);
+    monitor.signal(Signal::CONT);
+    let next = sequences.find(|&sequence| sequence > enough).unwrap();
+    // It is up to date: no more was kept for it than the newest.
+    assert!(sequences.next().unwrap() == next + 1);
+    monitor.signal(Signal::TERM);
+    assert!(monitor.0.wait().unwrap().success());
+    service.stop();
+    domain.assert_clean();
+}
+
+#[test]
 fn one_status_as_text_and_as_a_document_and_so_many_lines() {
     let domain = TestDomain::new();
     let service = Role::start(&domain, "daemon run --preset linear");
@@ -68,6 +95,9 @@ fn one_status_as_text_and_as_a_document_and_so_many_lines() {
     assert_eq!(document["estimate"]["status_words"][0], "stale");
     let (code, lines, _) = finished(monitor(&domain, &["--json", "--count", "3"]).output().unwrap());
     assert_eq!((code, lines.lines().count()), (Some(0), 3));
+    // What is infinite is null: no output was ever measured.
+    let line: Value = serde_json::from_str(lines.lines().next().unwrap()).unwrap();
+    assert!(line["linear"]["output_age_s"].is_null() && line["linear"]["output_error"].is_number(), "{line}");
     service.stop();
     domain.assert_clean();
 }

@@ -103,7 +103,7 @@ impl Drop for Pane {
 fn the_view_follows_a_service_through_its_life() {
     let domain = TestDomain::new();
     let Some(pane) = Pane::open(&monitor(&domain, &[]), 80, 24) else { return };
-    pane.wait_for(&["the service is away since", "no process runs it; start it: daemon run"]);
+    pane.wait_for(&["NO SERVICE yet; waiting since", "no process runs it; start it: daemon run"]);
 
     let service = Role::start(&domain, "daemon run --preset rigid-body --fresh");
     pane.wait_for(&["no sample yet", "DO NOT FLY ON THIS", "200 Hz"]);
@@ -128,8 +128,10 @@ fn the_view_follows_a_service_through_its_life() {
     let service = Role::start(&domain, "daemon run --preset rigid-body");
     pane.wait_for(&["TRACKING", "restarts 1"]);
 
+    pane.tmux(&["resize-window", "-x", "60", "-y", "15"]);
+    pane.wait_for(&["80×24 shows all", "TRACKING", "velocity m/s"]);
     pane.tmux(&["resize-window", "-x", "200", "-y", "50"]);
-    pane.wait_for(&["error until now", "p99.9", "TRACKING"]);
+    pane.wait_for(&["error until now", "p99.9", "SAMPLE TO OUTPUT", "TRACKING"]);
 
     vehicle.stop();
     service.stop();
@@ -187,5 +189,27 @@ fn keys_act_on_the_service() {
     wait_until("the end", || pane.has_ended().0);
     assert_eq!(pane.has_ended().1, "0");
     service.stop();
+    domain.assert_clean();
+}
+
+#[test]
+fn the_terminal_is_given_back_on_a_signal_and_not_taken_where_it_is_dumb() {
+    let domain = TestDomain::new();
+    let Some(pane) = Pane::open(&monitor(&domain, &[]), 80, 24) else { return };
+    pane.wait_for(&["NO SERVICE yet", "q quit"]);
+    let state = |pane: &Pane| pane.tmux(&["display-message", "-p", "#{alternate_on} #{cursor_flag}"]);
+    assert_eq!(state(&pane), "1 0\n");
+    let pid = pane.tmux(&["display-message", "-p", "#{pane_pid}"]).trim().parse().unwrap();
+    rustix::process::kill_process(rustix::process::Pid::from_raw(pid).unwrap(), Signal::TERM).unwrap();
+    wait_until("the end", || pane.has_ended().0);
+    assert_eq!((state(&pane).as_str(), pane.has_ended().1.as_str()), ("0 1\n", "0"));
+
+    let monitor = monitor(&domain, &[]);
+    let mut dumb = Command::new("env");
+    dumb.arg("TERM=dumb").arg(monitor.get_program()).args(monitor.get_args());
+    let Some(pane) = Pane::open(&dumb, 80, 24) else { return };
+    pane.wait_for(&["TERM is 'dumb'", "--once"]);
+    wait_until("the end", || pane.has_ended().0);
+    assert_eq!(pane.has_ended().1, "2");
     domain.assert_clean();
 }
