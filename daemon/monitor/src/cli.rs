@@ -41,7 +41,7 @@ struct Arguments {
     #[arg(long, value_name = "PATH", env = shared_types::domain::ROOT_VARIABLE)]
     root: Option<PathBuf>,
     /// Pictures per second at most, 0.1 to 60: fewer on a slow link
-    #[arg(long, value_name = "HZ", default_value_t = 5.0, value_parser = parse_fps)]
+    #[arg(long, value_name = "HZ", default_value_t = 4.0, value_parser = parse_fps)]
     fps: f64,
     /// Print the status once as text; with --json as one document
     #[arg(long)]

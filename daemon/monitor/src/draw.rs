@@ -164,7 +164,7 @@ impl Plan {
         while trace_height < 4 && n_rows > 0 && take(n_rows) > 0 {
             trace_height += 1;
         }
-        notes += (0..5).map(|_| take(1)).sum::<usize>();
+        notes += (0..2).map(|_| take(1)).sum::<usize>();
         Self { parts, has_pages, notes, samples, trace_height, has_gaps }
     }
 }

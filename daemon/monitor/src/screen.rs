@@ -11,9 +11,11 @@ use crate::words::{Level, Now, verdict};
 use anyhow::Context;
 use ratatui::DefaultTerminal;
 use ratatui::crossterm::event::{self, Event, KeyCode, KeyEvent, KeyEventKind, KeyModifiers};
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use shared_types::clock::monotonic_ns;
 use shared_types::payload::{command, outcome};
 use shared_types::{Client, Domain};
+use std::io::stdout;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError, mpsc};
 use std::thread::JoinHandle;
@@ -25,6 +27,8 @@ const LOOK_EVERY: Duration = Duration::from_millis(10);
 const LISTEN_AT_MOST: Duration = Duration::from_millis(100);
 /// After a key the picture may be drawn earlier than its rate says, but not more often than this.
 const KEY_ECHO: Duration = Duration::from_millis(50);
+/// From a signal to the end, whatever the terminal does.
+const END_WITHIN: Duration = Duration::from_secs(1);
 /// How long an answer stands.
 const MESSAGE_SHOWN: Duration = Duration::from_secs(8);
 /// For the service to be found by a command, and to answer it: it may write to a slow disk.
@@ -48,7 +52,7 @@ pub fn run(
     theme: Theme,
     stop: &Arc<AtomicBool>,
 ) -> anyhow::Result<()> {
-    let reader = Reader::start(domain.clone(), instance);
+    let reader = Reader::start(domain.clone(), instance, Arc::clone(stop));
     let mut terminal = ratatui::try_init().context("take over the terminal")?;
     let mut screen = Screen {
         domain: domain.clone(),
@@ -71,7 +75,10 @@ struct Reader {
 }
 
 impl Reader {
-    fn start(domain: Domain, instance: &str) -> Self {
+    /// Ends the program where it has to end, by `signalled` or because the terminal is gone, and the terminal keeps
+    /// it: crossterm 0.29 never comes back from a terminal that was closed (its issue 793), and one that takes no
+    /// more output holds whoever writes.
+    fn start(domain: Domain, instance: &str, signalled: Arc<AtomicBool>) -> Self {
         let model = Arc::new(Mutex::new(Model::new(instance)));
         let stop = Arc::new(AtomicBool::new(false));
         let (its_model, its_stop, instance) = (Arc::clone(&model), Arc::clone(&stop), instance.to_string());
@@ -79,6 +86,18 @@ impl Reader {
             let mut link = Link::new(domain, &instance, monotonic_ns());
             let mut failing_since_ns = None;
             while !its_stop.load(Ordering::Relaxed) {
+                if signalled.load(Ordering::Relaxed) || terminal_is_gone() {
+                    signalled.store(true, Ordering::Relaxed);
+                    drop(link);
+                    let since = Instant::now();
+                    while !its_stop.load(Ordering::Relaxed) {
+                        if since.elapsed() > END_WITHIN {
+                            std::process::exit(1);
+                        }
+                        std::thread::sleep(LOOK_EVERY);
+                    }
+                    return;
+                }
                 let now_ns = monotonic_ns();
                 match link.look(now_ns, |news| lock(&its_model).note(news)) {
                     Ok(()) => failing_since_ns = None,
@@ -105,6 +124,14 @@ impl Drop for Reader {
             let _ = thread.join();
         }
     }
+}
+
+fn terminal_is_gone() -> bool {
+    let out = stdout();
+    // Asks for nothing but what is always told.
+    let mut asked = [PollFd::new(&out, PollFlags::empty())];
+    let found = poll(&mut asked, Some(&Timespec::default()));
+    found.is_ok() && asked[0].revents().intersects(PollFlags::HUP | PollFlags::ERR | PollFlags::NVAL)
 }
 
 fn lock(model: &Mutex<Model>) -> MutexGuard<'_, Model> {
@@ -145,7 +172,7 @@ impl Screen<'_> {
             }
             self.take_answer();
             anyhow::ensure!(
-                self.reader.is_alive(),
+                self.reader.is_alive() || stop.load(Ordering::Relaxed),
                 "the reading thread has ended: a defect, please report it"
             );
             if Instant::now() >= due {

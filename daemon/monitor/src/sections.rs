@@ -1,6 +1,6 @@
 //! The parts of the view as lines of text: what is said, without where it stands.
 
-use crate::format::{duration, duration_ns, magnitude, micros, number, running, wrapped};
+use crate::format::{cut, duration, duration_ns, magnitude, micros, number, running, wrapped};
 use crate::model::{Model, Part, Presence, Vector};
 use crate::theme::Theme;
 use crate::words::{Level, Note, Now, notes, verdict};
@@ -48,7 +48,7 @@ pub fn verdict_line(model: &Model, now: Now, theme: Theme, width: usize) -> Line
     Line::styled(both_sides(&format!(" {text}"), &age, width), theme.banner(level))
 }
 
-/// What to know, in at most so many lines.
+/// What to know, in at most so many lines; the last one tells of what does not fit.
 pub fn note_lines(model: &Model, now: Now, theme: Theme, width: usize, n_lines: usize) -> Vec<Line<'static>> {
     let notes = notes(model, now);
     let mut lines: Vec<Line> = Vec::new();
@@ -56,15 +56,19 @@ pub fn note_lines(model: &Model, now: Now, theme: Theme, width: usize, n_lines: 
         let of_note = lines_of(note, theme, width);
         // The last line may have to say that there is more.
         let is_last = k + 1 == notes.len();
-        if lines.len() + of_note.len() + usize::from(!is_last) > n_lines && n_lines > 0 {
-            let more = notes.len() - k;
-            if lines.len() == n_lines {
-                lines.pop();
-            }
-            lines.push(Line::styled(format!(" and {more} more: a taller window shows all"), theme.faint()));
-            break;
+        let fits = lines.len() + of_note.len() + usize::from(!is_last) <= n_lines;
+        if fits {
+            lines.extend(of_note);
+            continue;
         }
-        lines.extend(of_note);
+        // Of the worst as much as there is room for.
+        if k == 0 {
+            lines.extend(of_note);
+        }
+        lines.truncate(n_lines.saturating_sub(1));
+        let more = if k == 0 { "there is more".into() } else { format!("and {} more", notes.len() - k) };
+        lines.push(Line::styled(format!(" {more}: a taller window shows all"), theme.faint()));
+        break;
     }
     lines.truncate(n_lines);
     lines
@@ -195,7 +199,7 @@ pub fn sample_lines(model: &Model, theme: Theme, width: usize, n_lines: usize) -
         }
     };
     let facts = format!(
-        "used {}{rate}  lost {}  rejected {}  held back {}  stuck {}",
+        "used {}{rate}, lost {}, rejected {}, held back {}, stuck {}",
         status.samples_accepted,
         status.samples_lost,
         status.samples_rejected_total(),
@@ -213,10 +217,17 @@ pub fn sample_lines(model: &Model, theme: Theme, width: usize, n_lines: usize) -
         true => String::new(),
         false => format!("; rejected: {}", rejections.join(", ")),
     };
-    let mut lines = vec![Line::from(vec![title, Span::raw(facts)])];
-    let rest = wrapped(&format!("{source}{rejections}"), width.saturating_sub(LABEL + 1).max(20));
-    lines.extend(rest.into_iter().map(|line| Line::raw(format!("{:LABEL$}{line}", ""))));
-    lines.truncate(n_lines);
+    let columns = width.saturating_sub(LABEL).max(20);
+    let mut texts = wrapped(&facts, columns);
+    texts.extend(wrapped(&format!("{source}{rejections}"), columns));
+    if texts.len() > n_lines {
+        texts.truncate(n_lines);
+        if let Some(last) = texts.last_mut() {
+            *last = cut(&format!("{last} …"), columns);
+        }
+    }
+    let mut lines = vec![Line::from(vec![title, Span::raw(texts.remove(0))])];
+    lines.extend(texts.into_iter().map(|line| Line::raw(format!("{:LABEL$}{line}", ""))));
     lines
 }
 

@@ -3,9 +3,11 @@
 mod common;
 
 use common::{PATIENCE, Role, TestDomain, monitor, play_role, wait_until};
-use rustix::process::Signal;
+use rustix::process::{Pid, Signal, kill_process};
 use std::process::Command;
 use std::time::{Duration, Instant};
+
+const MONITOR: &str = env!("CARGO_BIN_EXE_monitor");
 
 #[test]
 fn role() {
@@ -56,6 +58,11 @@ impl Pane {
             .unwrap();
         assert!(output.status.success(), "{arguments:?}: {}", String::from_utf8_lossy(&output.stderr));
         String::from_utf8(output.stdout).unwrap()
+    }
+
+    /// The process id of its program.
+    fn pid(&self) -> i32 {
+        self.tmux(&["display-message", "-p", "#{pane_pid}"]).trim().parse().unwrap()
     }
 
     fn text(&self) -> String {
@@ -179,9 +186,11 @@ fn keys_act_on_the_service() {
     pane.press("x");
     pane.press("p");
     pane.wait_for(&["PAUSED, p goes on; now: TRACKING"]);
+    let picture = || pane.text().lines().take(23).collect::<Vec<_>>().join("\n");
+    let still = picture();
     vehicle.kill();
     pane.wait_for(&["PAUSED, p goes on; now: DO NOT FLY ON THIS"]);
-    assert!(pane.text().contains(" TRACKING, "), "the picture stands still:\n{}", pane.text());
+    assert_eq!(picture(), still);
     pane.press("p");
     pane.wait_for(&[" DO NOT FLY ON THIS", "q quit"]);
 
@@ -195,21 +204,45 @@ fn keys_act_on_the_service() {
 #[test]
 fn the_terminal_is_given_back_on_a_signal_and_not_taken_where_it_is_dumb() {
     let domain = TestDomain::new();
-    let Some(pane) = Pane::open(&monitor(&domain, &[]), 80, 24) else { return };
+    let program = monitor(&domain, &[]);
+    let mut shell = Command::new("sh");
+    let line = format!("{} --root {}; echo code $?; stty -a; exec sleep 1000", MONITOR, domain.root());
+    shell.args(["-c", &line]);
+    let Some(pane) = Pane::open(&shell, 80, 24) else { return };
     pane.wait_for(&["NO SERVICE yet", "q quit"]);
-    let state = |pane: &Pane| pane.tmux(&["display-message", "-p", "#{alternate_on} #{cursor_flag}"]);
-    assert_eq!(state(&pane), "1 0\n");
-    let pid = pane.tmux(&["display-message", "-p", "#{pane_pid}"]).trim().parse().unwrap();
-    rustix::process::kill_process(rustix::process::Pid::from_raw(pid).unwrap(), Signal::TERM).unwrap();
-    wait_until("the end", || pane.has_ended().0);
-    assert_eq!((state(&pane).as_str(), pane.has_ended().1.as_str()), ("0 1\n", "0"));
+    let state = || pane.tmux(&["display-message", "-p", "alternate #{alternate_on} cursor #{cursor_flag}"]);
+    assert_eq!(state(), "alternate 1 cursor 0\n");
+    let shell_pid = pane.pid();
+    let children = std::fs::read_to_string(format!("/proc/{shell_pid}/task/{shell_pid}/children")).unwrap();
+    let pid = Pid::from_raw(children.trim().parse().unwrap()).unwrap();
+    kill_process(pid, Signal::TERM).unwrap();
+    pane.wait_for(&["code 0", " icanon ", " echo "]);
+    assert_eq!(state(), "alternate 0 cursor 1\n");
 
-    let monitor = monitor(&domain, &[]);
     let mut dumb = Command::new("env");
-    dumb.arg("TERM=dumb").arg(monitor.get_program()).args(monitor.get_args());
+    dumb.arg("TERM=dumb").arg(program.get_program()).args(program.get_args());
     let Some(pane) = Pane::open(&dumb, 80, 24) else { return };
     pane.wait_for(&["TERM is 'dumb'", "--once"]);
     wait_until("the end", || pane.has_ended().0);
     assert_eq!(pane.has_ended().1, "2");
+    domain.assert_clean();
+}
+
+#[test]
+fn a_terminal_that_is_closed_ends_it() {
+    let domain = TestDomain::new();
+    let service = Role::start(&domain, "daemon run --preset rigid-body --fresh");
+    let Some(pane) = Pane::open(&monitor(&domain, &[]), 80, 24) else { return };
+    pane.wait_for(&["no sample yet"]);
+    // Gone, or ended and not yet waited for by its new parent.
+    let has_ended = |pid: i32| match std::fs::read_to_string(format!("/proc/{pid}/stat")) {
+        Ok(stat) => stat.contains(") Z "),
+        Err(_) => true,
+    };
+    let pid = pane.pid();
+    assert!(!has_ended(pid));
+    drop(pane);
+    wait_until("the end", || has_ended(pid));
+    service.stop();
     domain.assert_clean();
 }

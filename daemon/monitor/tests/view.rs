@@ -124,7 +124,7 @@ fn both(t_s: f64) -> Estimate {
     Estimate { translation: body.translation, rotation: body.rotation, ..plant(t_s) }
 }
 
-const ESSENTIAL: [&str; 26] = [
+const ESSENTIAL: [&str; 24] = [
     "vehicle",
     "200 Hz",
     "TRACKING",
@@ -142,9 +142,7 @@ const ESSENTIAL: [&str; 26] = [
     "0.0123",
     "0.0500",
     "9 %",
-    "used 12000 (200/s)",
-    "lost 12",
-    "rejected 3",
+    "used 12000 (200/s), lost 12, rejected 3",
     "process 4711",
     "1 not finite",
     "20.1",
@@ -190,7 +188,7 @@ fn a_small_terminal_shows_what_matters_most_and_says_that_there_is_more() {
     // What does not fit into a line is marked.
     let error = text.lines().find(|line| line.contains("TRUST"));
     assert!(error.is_none_or(|line| line.ends_with('…')), "{text}");
-    assert_shows(&drawn(&model, 100, 20), &["TRUST m/s, rad/s", "predicts", "SAMPLES", "80×24 shows all"]);
+    assert_shows(&drawn(&model, 100, 20), &["TRUST m/s, rad/s", "learns", "SAMPLES", "80×24 shows all"]);
     assert_shows(&drawn(&model, 30, 6), &["DO NOT FLY ON THIS", "stale:"]);
     assert!(!drawn(&model, 80, 24).contains("shows all"));
 }
@@ -201,8 +199,9 @@ fn latencies_are_counted_into_a_histogram() {
     // 100 samples at 20 µs and four at 3 ms; estimates without a new sample do not count.
     for tick in 0..=208_u64 {
         let at_ns = START_NS + tick * 5_000_000;
-        let latency_ns = if tick % 52 == 0 { 3_000_000 } else { 20_000 };
-        let source_stamp_ns = START_NS + tick / 2 * 10_000_000 - latency_ns;
+        let sample = tick / 2;
+        let latency_ns = if sample.is_multiple_of(26) { 3_000_000 } else { 20_000 };
+        let source_stamp_ns = START_NS + sample * 10_000_000 - latency_ns;
         model.note(News::Estimate(Estimate { publish_stamp_ns: at_ns, source_stamp_ns, ..body(0.0) }));
     }
     for tick in 0..3 {
@@ -229,8 +228,8 @@ fn any_size_is_drawn() {
     let mut away = heard(body);
     away.note(News::Away { since_ns: START_NS, why: "no process runs it; start it: daemon run".into() });
     for model in [Model::new("v"), heard(body), heard(plant), heard(both), heard(strange), away] {
-        for height in [0, 1, 2, 3, 5, 8, 13, 21, 24, 34, 55, 120] {
-            for width in [0, 1, 2, 3, 5, 13, 14, 15, 16, 30, 47, 80, 109, 110, 200, 300] {
+        for height in [0, 1, 2, 3, 8, 15, 23, 24, 34, 55, 120] {
+            for width in [0, 1, 2, 3, 14, 15, 30, 60, 79, 80, 110, 200, 300] {
                 let mut view = View::new(PLAIN);
                 drawn_with(&model, &view, width, height);
                 (view.shows_help, view.asks_reset) = (true, true);
