@@ -204,11 +204,15 @@ fn keys_act_on_the_service() {
 #[test]
 fn the_terminal_is_given_back_on_a_signal_and_not_taken_where_it_is_dumb() {
     let domain = TestDomain::new();
-    let program = monitor(&domain, &[]);
-    let mut shell = Command::new("sh");
-    let line = format!("{} --root {}; echo code $?; stty -a; exec sleep 1000", MONITOR, domain.root());
-    shell.args(["-c", &line]);
-    let Some(pane) = Pane::open(&shell, 80, 24) else { return };
+    // In a shell that outlives it.
+    let shell = |before: &str| {
+        let mut shell = Command::new("sh");
+        let root = domain.root();
+        let line = format!("{before} {MONITOR} --root {root}; echo code $?; stty -a; exec sleep 1000");
+        shell.args(["-c", &line]);
+        shell
+    };
+    let Some(pane) = Pane::open(&shell(""), 80, 24) else { return };
     pane.wait_for(&["NO SERVICE yet", "q quit"]);
     let state = || pane.tmux(&["display-message", "-p", "alternate #{alternate_on} cursor #{cursor_flag}"]);
     assert_eq!(state(), "alternate 1 cursor 0\n");
@@ -219,12 +223,8 @@ fn the_terminal_is_given_back_on_a_signal_and_not_taken_where_it_is_dumb() {
     pane.wait_for(&["code 0", " icanon ", " echo "]);
     assert_eq!(state(), "alternate 0 cursor 1\n");
 
-    let mut dumb = Command::new("env");
-    dumb.arg("TERM=dumb").arg(program.get_program()).args(program.get_args());
-    let Some(pane) = Pane::open(&dumb, 80, 24) else { return };
-    pane.wait_for(&["TERM is 'dumb'", "--once"]);
-    wait_until("the end", || pane.has_ended().0);
-    assert_eq!(pane.has_ended().1, "2");
+    let Some(pane) = Pane::open(&shell("TERM=dumb"), 80, 24) else { return };
+    pane.wait_for(&["TERM is 'dumb'", "--once", "code 2"]);
     domain.assert_clean();
 }
 
