@@ -318,7 +318,7 @@ pub fn service_lines(model: &Model, theme: Theme) -> Vec<Line<'static>> {
         _ => "with nothing learned",
     };
     fact(format!("began     {began}"));
-    fact(format!("source    changed {} times; {} commands", status.source_changes, status.commands));
+    fact(format!("source    changes {}, commands {}", status.source_changes, status.commands));
     if status.records_dropped > 0 {
         fact(format!("status    {} ticks missing in the latencies", status.records_dropped));
     }
