@@ -10,7 +10,7 @@
 //! | [`link`] | one instance, followed across its restarts |
 //! | [`model`], [`history`], [`truth`] | what is shown, from what was heard |
 //! | [`words`] | what the status means and what to do |
-//! | [`sections`], [`format`] | the view as lines of text |
+//! | [`sections`], [`mod@format`] | the view as lines of text |
 //! | [`draw`], [`pictures`], [`theme`] | where they stand, pictures of the past, colours |
 //! | [`keys`] | what the keys do, said |
 //! | [`screen`] | the terminal: when to draw, and obeying the keys |
