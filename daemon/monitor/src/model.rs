@@ -168,7 +168,7 @@ pub struct Model {
     pub activations: [History; 3],
     /// ‖f̂_N‖ of each channel over time.
     pub native_norms: [History; 3],
-    /// Which channels were ever reported.
+    /// Which channels this run of the service has reported.
     configured: [bool; 3],
     /// When each status bit was seen last (ns).
     bits_seen_ns: [u64; 64],
@@ -250,6 +250,9 @@ impl Model {
                 self.restarts += 1;
                 self.statuses.clear();
                 self.sample_to_output = Histogram::default();
+                // It may be that of another vehicle now.
+                self.configured = [false; 3];
+                self.vectors.iter_mut().for_each(|vector| vector.used = 0);
             }
         }
         while self.statuses.front().is_some_and(|old| status.stamp_ns - old.stamp_ns > RECENT_NS) {

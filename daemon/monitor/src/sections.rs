@@ -219,7 +219,10 @@ pub fn sample_lines(model: &Model, theme: Theme, width: usize, n_lines: usize) -
     };
     let columns = width.saturating_sub(LABEL).max(20);
     let mut texts = wrapped(&facts, columns);
-    texts.extend(wrapped(&format!("{source}{rejections}"), columns));
+    match texts.len() {
+        1 => texts.extend(wrapped(&format!("{source}{rejections}"), columns)),
+        _ => texts = wrapped(&format!("{facts}; {source}{rejections}"), columns),
+    }
     if texts.len() > n_lines {
         texts.truncate(n_lines);
         if let Some(last) = texts.last_mut() {

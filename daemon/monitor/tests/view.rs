@@ -248,6 +248,16 @@ fn a_linear_plant_shows_as_many_components_as_it_uses() {
 }
 
 #[test]
+fn a_service_that_comes_back_with_another_plant_shows_that_one() {
+    let mut model = heard(body);
+    model.note(News::Status(Status { start_stamp_ns: START_NS + 60 * S, ..status(60.1) }));
+    model.note(News::Estimate(plant(60.2)));
+    let text = drawn(&model, 80, 24);
+    assert!(text.contains("learned f") && !text.contains("position"), "{text}");
+    assert_shows(&text, &["restarts 1"]);
+}
+
+#[test]
 fn parts_that_do_not_fit_together_take_turns() {
     let model = heard(both);
     let mut view = View::new(PLAIN);
