@@ -2,12 +2,10 @@
 
 mod common;
 
-use common::{PATIENCE, Role, TestDomain, monitor, play_role, wait_until};
+use common::{PATIENCE, Role, TestDomain, play_role, wait_until};
 use rustix::process::{Pid, Signal, kill_process};
 use std::process::Command;
 use std::time::{Duration, Instant};
-
-const MONITOR: &str = env!("CARGO_BIN_EXE_monitor");
 
 #[test]
 fn role() {
@@ -20,30 +18,22 @@ struct Pane {
 }
 
 impl Pane {
-    /// `None`, and said, where there is no tmux.
-    fn open(program: &Command, columns: u16, lines: u16) -> Option<Self> {
+    /// The monitor in a shell that outlives it and tells its exit code; `None`, and said, where there is no tmux.
+    fn open(domain: &TestDomain, variables: &str, options: &str) -> Option<Self> {
         if Command::new("tmux").arg("-V").output().is_err() {
             println!("skipped: tmux is not installed");
             return None;
         }
         let pane = Self { directory: tempfile::tempdir().unwrap() };
+        let program = env!("CARGO_BIN_EXE_monitor");
+        let root = domain.root();
+        let line = format!(
+            "{variables} '{program}' {options} --root '{root}'; echo code $?; stty -a; exec sleep 1000"
+        );
         let configuration = pane.directory.path().join("conf");
-        // What the program leaves on the screen and its exit code can be looked at.
-        std::fs::write(&configuration, "set -g remain-on-exit on\nset -g status off\n").unwrap();
-        let words = std::iter::once(program.get_program()).chain(program.get_args());
-        let line: Vec<_> = words.map(|word| format!("'{}'", word.to_str().unwrap())).collect();
-        let (columns, lines) = (columns.to_string(), lines.to_string());
-        pane.tmux(&[
-            "-f",
-            configuration.to_str().unwrap(),
-            "new-session",
-            "-d",
-            "-x",
-            &columns,
-            "-y",
-            &lines,
-            &line.join(" "),
-        ]);
+        std::fs::write(&configuration, "set -g status off\n").unwrap();
+        let configuration = configuration.to_str().unwrap();
+        pane.tmux(&["-f", configuration, "new-session", "-d", "-x", "80", "-y", "24", "sh", "-c", &line]);
         Some(pane)
     }
 
@@ -60,9 +50,12 @@ impl Pane {
         String::from_utf8(output.stdout).unwrap()
     }
 
-    /// The process id of its program.
+    /// The process id of the monitor.
     fn pid(&self) -> i32 {
-        self.tmux(&["display-message", "-p", "#{pane_pid}"]).trim().parse().unwrap()
+        let shell = self.tmux(&["display-message", "-p", "#{pane_pid}"]);
+        let shell = shell.trim();
+        let children = std::fs::read_to_string(format!("/proc/{shell}/task/{shell}/children")).unwrap();
+        children.trim().parse().unwrap()
     }
 
     fn text(&self) -> String {
@@ -89,14 +82,6 @@ impl Pane {
             std::thread::sleep(Duration::from_millis(50));
         }
     }
-
-    /// Whether the program has ended, and its exit code.
-    fn has_ended(&self) -> (bool, String) {
-        let answer = self.tmux(&["display-message", "-p", "#{pane_dead} #{pane_dead_status}"]);
-        let (is_dead, code) = answer.trim_end().split_once(' ').unwrap_or((answer.trim_end(), ""));
-        // The end of its output may be noticed before its exit.
-        (is_dead == "1" && !code.is_empty(), code.into())
-    }
 }
 
 impl Drop for Pane {
@@ -109,7 +94,7 @@ impl Drop for Pane {
 #[test]
 fn the_view_follows_a_service_through_its_life() {
     let domain = TestDomain::new();
-    let Some(pane) = Pane::open(&monitor(&domain, &[]), 80, 24) else { return };
+    let Some(pane) = Pane::open(&domain, "", "") else { return };
     pane.wait_for(&["NO SERVICE yet; waiting since", "no process runs it; start it: daemon run"]);
 
     let service = Role::start(&domain, "daemon run --preset rigid-body --fresh");
@@ -144,8 +129,7 @@ fn the_view_follows_a_service_through_its_life() {
     service.stop();
     pane.wait_for(&["the service is away", "no process runs it"]);
     pane.press("q");
-    wait_until("the end", || pane.has_ended().0);
-    assert_eq!(pane.has_ended().1, "0");
+    pane.wait_for(&["code 0"]);
     domain.assert_clean();
 }
 
@@ -155,7 +139,7 @@ fn keys_act_on_the_service() {
     let service = Role::start(&domain, "daemon run --preset rigid-body --fresh");
     let vehicle = Role::start(&domain, "sim_publisher run --scenario rigid-body");
     wait_until("samples", || domain.status().samples_accepted > 0);
-    let Some(pane) = Pane::open(&monitor(&domain, &["--fps", "20"]), 80, 24) else { return };
+    let Some(pane) = Pane::open(&domain, "", "--fps 20") else { return };
     pane.wait_for(&["TRACKING"]);
 
     pane.press("f");
@@ -195,8 +179,7 @@ fn keys_act_on_the_service() {
     pane.wait_for(&[" DO NOT FLY ON THIS", "q quit"]);
 
     pane.press("C-c");
-    wait_until("the end", || pane.has_ended().0);
-    assert_eq!(pane.has_ended().1, "0");
+    pane.wait_for(&["code 0"]);
     service.stop();
     domain.assert_clean();
 }
@@ -204,26 +187,15 @@ fn keys_act_on_the_service() {
 #[test]
 fn the_terminal_is_given_back_on_a_signal_and_not_taken_where_it_is_dumb() {
     let domain = TestDomain::new();
-    // In a shell that outlives it.
-    let shell = |before: &str| {
-        let mut shell = Command::new("sh");
-        let root = domain.root();
-        let line = format!("{before} {MONITOR} --root {root}; echo code $?; stty -a; exec sleep 1000");
-        shell.args(["-c", &line]);
-        shell
-    };
-    let Some(pane) = Pane::open(&shell(""), 80, 24) else { return };
+    let Some(pane) = Pane::open(&domain, "", "") else { return };
     pane.wait_for(&["NO SERVICE yet", "q quit"]);
     let state = || pane.tmux(&["display-message", "-p", "alternate #{alternate_on} cursor #{cursor_flag}"]);
     assert_eq!(state(), "alternate 1 cursor 0\n");
-    let shell_pid = pane.pid();
-    let children = std::fs::read_to_string(format!("/proc/{shell_pid}/task/{shell_pid}/children")).unwrap();
-    let pid = Pid::from_raw(children.trim().parse().unwrap()).unwrap();
-    kill_process(pid, Signal::TERM).unwrap();
+    kill_process(Pid::from_raw(pane.pid()).unwrap(), Signal::TERM).unwrap();
     pane.wait_for(&["code 0", " icanon ", " echo "]);
     assert_eq!(state(), "alternate 0 cursor 1\n");
 
-    let Some(pane) = Pane::open(&shell("TERM=dumb"), 80, 24) else { return };
+    let Some(pane) = Pane::open(&domain, "TERM=dumb", "") else { return };
     pane.wait_for(&["TERM is 'dumb'", "--once", "code 2"]);
     domain.assert_clean();
 }
@@ -232,7 +204,7 @@ fn the_terminal_is_given_back_on_a_signal_and_not_taken_where_it_is_dumb() {
 fn a_terminal_that_is_closed_ends_it() {
     let domain = TestDomain::new();
     let service = Role::start(&domain, "daemon run --preset rigid-body --fresh");
-    let Some(pane) = Pane::open(&monitor(&domain, &[]), 80, 24) else { return };
+    let Some(pane) = Pane::open(&domain, "", "") else { return };
     pane.wait_for(&["no sample yet"]);
     // Gone, or ended and not yet waited for by its new parent.
     let has_ended = |pid: i32| match std::fs::read_to_string(format!("/proc/{pid}/stat")) {
