@@ -49,7 +49,7 @@ pub fn parse<P: Parser>(args: impl IntoIterator<Item = OsString>) -> Result<P, E
     let args: Vec<OsString> = args.into_iter().collect();
     let installed_as = args.first().map(Path::new).and_then(Path::file_name).and_then(OsStr::to_str);
     let mut program = command::<P>(installed_as);
-    let parsed = program.try_get_matches_from_mut(args).and_then(|matches| {
+    let parsed = program.try_get_matches_from_mut(&args).and_then(|matches| {
         // The commands of this crate are unknown to the program.
         match Manual::from_arg_matches(&matches) {
             Ok(manual) => Ok(Err(manual)),
