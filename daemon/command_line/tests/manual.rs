@@ -62,7 +62,7 @@ fn bash_completes_commands_and_options_under_the_installed_name() {
     for name in ["tool", "vehicle-tool"] {
         let printed = run(&format!("/usr/bin/{name} completions bash"));
         // Between the lines of the test runner.
-        let (start, end) = (printed.find("_").unwrap(), printed.rfind(name).unwrap() + name.len());
+        let (start, end) = (printed.find('_').unwrap(), printed.rfind("\nfi\n").unwrap() + 4);
         std::fs::write(&script, &printed[start..end]).unwrap();
         assert_eq!(offered(&script, name, &["f"]), ["fly"]);
         assert_eq!(offered(&script, name, &["fly", "--s"]), ["--speed"]);

@@ -137,7 +137,7 @@ pub struct Config {
     /// What is written down, so that nothing learned is lost.
     #[serde(default)]
     pub snapshot: SnapshotConfig,
-    /// What the loop asks of the system, with priority = 1 … 98 and cores = [2] too; what is refused is said,
+    /// What the loop asks of the system, with `priority = 1 … 98` and `cores = [2]` too; what is refused is said,
     /// and done without (daemon doctor).
     #[serde(default)]
     pub real_time: RealTimeConfig,

@@ -19,7 +19,7 @@ pub struct RealTimeConfig {
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schemars(range(min = 1, max = 98), example = 80)]
     pub priority: Option<u8>,
-    /// Cores of the loop's thread, as [2]; the service's other threads stay off them. Absent: all.
+    /// Cores of the loop's thread, as `[2]`; the service's other threads stay off them. Absent: all.
     ///
     /// A core that nothing else uses (isolcpus, or CPUAffinity of the others) gives the least lateness.
     #[serde(skip_serializing_if = "Option::is_none")]
