@@ -30,8 +30,16 @@ use std::time::Duration;
 #[derive(Debug, Parser)]
 #[command(
     name = "monitor",
-    version,
-    after_help = "Examples:\n  monitor --instance auv1\n  monitor --once\n  monitor --json --count 100 > estimates.jsonl\n\nColours: none if NO_COLOR is set."
+    after_help = "\
+Colours: none if NO_COLOR is set.
+
+Examples:
+  # Another vehicle, over a slow link
+  monitor --instance auv1 --fps 1
+  # The status as text, once
+  monitor --once
+  # A hundred estimates for a script
+  monitor --json --count 100 > estimates.jsonl"
 )]
 struct Arguments {
     /// Name of the vehicle
@@ -71,12 +79,9 @@ const TEXT_WIDTH: usize = 100;
 
 /// Runs `monitor` with these arguments, the program's name first.
 pub fn main_with_args(args: impl IntoIterator<Item = OsString>) -> ExitCode {
-    let arguments = match Arguments::try_parse_from(args) {
+    let arguments: Arguments = match command_line::parse(args) {
         Ok(arguments) => arguments,
-        Err(error) => {
-            let _ = error.print();
-            return ExitCode::from(error.exit_code() as u8);
-        }
+        Err(code) => return code,
     };
     match run(&arguments) {
         Ok(()) => ExitCode::SUCCESS,
@@ -221,4 +226,14 @@ fn lines(domain: &Domain, instance: &str, count: Option<u64>, stop: &AtomicBool)
         std::thread::sleep(LOOK_EVERY);
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_help_ends_in_examples_that_are_understood() {
+        assert_eq!(command_line::faults_of_help::<Arguments>(), Vec::<String>::new());
+    }
 }
