@@ -46,8 +46,8 @@ enum Command {
     #[command(after_help = format!("{}\n\n\
 Examples:
   # Samples that come late, get lost, and stay away
-  sim_publisher run --scenario auv --jitter-us 300 --dropout-probability 0.02 \\
-      --outage 10:0.5 --outage 20:1
+  sim_publisher run --scenario auv --dropout-probability 0.02 \\
+      --jitter-us 300 --outage 10:0.5 --outage 20:1
   # As a table, at once
   sim_publisher run --scenario auv --duration 60 --table dive.csv
   # Spikes, then a killed vehicle's process; a summary for scripts
@@ -63,9 +63,9 @@ column that bears a key's own name needs no naming; nor does body_velocity_x|y|z
   position_x|y|z;  attitude_w|x|y|z;  force_x|y|z;  torque_x|y|z
 
 Examples:
-  sim_publisher replay --format acsl log_20240613_121802.log --airborne-only
+  sim_publisher replay --format acsl flight.log --airborne-only
   # Four times as fast, with clock = \"samples\" in the service's configuration
-  sim_publisher replay --format csv flight.csv --map columns.toml --speed 4
+  sim_publisher replay --format csv flight.csv --map map.toml --speed 4
   sim_publisher replay --format csv flight.csv --column time_s=t \\
       --column velocity_x=vx --column velocity_y=vy --column velocity_z=vz")]
     Replay(ReplayArgs),

@@ -41,8 +41,8 @@ Examples:
   bench demo
   # An underwater vehicle whose Doppler log is silent for 3 s
   bench demo --scenario auv --duration 60 --outage 40:3
-  # Spikes, a killed vehicle's process, a service that stands still
-  bench demo --faults 'spike@6:2,size=3; kill@11:0.5; service-stop@15:0.5'",
+  # Spikes, then a service that stands still
+  bench demo --faults 'spike@6:2,size=3; service-stop@15:0.5'",
         fault_help()
     )
 }
