@@ -89,7 +89,8 @@ Examples:
 Examples:
   bench replay --format acsl log_20240613_121802.log --plot coasts.png
   # A table of your own, and two seconds without measurements
-  bench replay --format csv flight.csv --config vehicle.toml --coast-s 2
+  bench replay --format csv flight.csv --config vehicle.toml \\
+      --coast-s 2
   # What daemon run --record wrote
   bench replay --check flight.rec")]
     Replay(replay::ReplayArguments),
