@@ -170,7 +170,10 @@ fn not_open(handle: Handle, thread: u32) -> Failure {
             CallResult::WrongThread,
             "another thread opened this handle: ports do not change threads; open one on this thread",
         ),
-        _ => (CallResult::BadHandle, "the handle is not open: it was closed already, or its bytes were overwritten"),
+        _ => (
+            CallResult::BadHandle,
+            "the handle is not open: it was closed already, or its bytes were overwritten",
+        ),
     };
     Failure { result, text: text.into() }
 }
@@ -185,7 +188,8 @@ fn with<T>(handle: Handle, act: impl FnOnce(&mut Connection) -> Result<T, Failur
 
 /// A port, where the handle was opened for it.
 fn port<'a, T>(port: &'a mut Option<T>, bit: &str) -> Result<&'a mut T, Failure> {
-    port.as_mut().ok_or_else(|| Failure::argument(format!("the handle was opened without {bit} among its ports")))
+    port.as_mut()
+        .ok_or_else(|| Failure::argument(format!("the handle was opened without {bit} among its ports")))
 }
 
 fn usable<T>(pointer: *const T, name: &str) -> Result<(), Failure> {
@@ -323,7 +327,8 @@ pub unsafe extern "C" fn observer_publish(client: Handle, measurement: *const Me
         // SAFETY: this function's own condition.
         let measurement = unsafe { input(measurement, "measurement") }?;
         with(client, |connection| {
-            let readers = port(&mut connection.measurements, "OBSERVER_PORTS_PUBLISH")?.publish(measurement)?;
+            let readers =
+                port(&mut connection.measurements, "OBSERVER_PORTS_PUBLISH")?.publish(measurement)?;
             Ok(if readers == 0 { CallResult::Nothing } else { CallResult::Ok })
         })
     })
@@ -339,7 +344,9 @@ pub unsafe extern "C" fn observer_take(client: Handle, estimate: *mut Estimate) 
     guarded(|| {
         // SAFETY: this function's own condition.
         let place = unsafe { output(estimate, "estimate") }?;
-        with(client, |connection| Ok(found(port(&mut connection.estimates, "OBSERVER_PORTS_TAKE")?.take()?, place)))
+        with(client, |connection| {
+            Ok(found(port(&mut connection.estimates, "OBSERVER_PORTS_TAKE")?.take()?, place))
+        })
     })
 }
 
@@ -349,7 +356,11 @@ pub unsafe extern "C" fn observer_take(client: Handle, estimate: *mut Estimate) 
 /// # Safety
 /// `estimate` points to one.
 #[unsafe(no_mangle)]
-pub unsafe extern "C" fn observer_wait(client: Handle, patience_s: f64, estimate: *mut Estimate) -> CallResult {
+pub unsafe extern "C" fn observer_wait(
+    client: Handle,
+    patience_s: f64,
+    estimate: *mut Estimate,
+) -> CallResult {
     guarded(|| {
         // SAFETY: this function's own condition.
         let place = unsafe { output(estimate, "estimate") }?;
@@ -452,7 +463,9 @@ pub extern "C" fn observer_close(client: Handle) -> CallResult {
     guarded(|| {
         let closed = opened(|opened| {
             let found = opened.connections.iter().position(|connection| connection.handle == client);
-            found.map(|index| opened.connections.swap_remove(index)).ok_or_else(|| not_open(client, opened.thread))
+            found
+                .map(|index| opened.connections.swap_remove(index))
+                .ok_or_else(|| not_open(client, opened.thread))
         })?;
         drop(closed);
         Ok(CallResult::Ok)
@@ -470,4 +483,75 @@ pub extern "C" fn observer_now_ns() -> u64 {
 #[unsafe(no_mangle)]
 pub extern "C" fn observer_error_text() -> *const c_char {
     ERROR_TEXT.try_with(|text| text.borrow().as_ptr()).unwrap_or(c"".as_ptr())
+}
+
+/// The functions of the loop as a C program calls them, never inlined, with Rust's types: for `bench ipc`.
+pub mod through_c {
+    use super::{CallResult, Domain, Estimate, Handle, Measurement, layout};
+    use std::ffi::{CStr, CString};
+    use std::hint::black_box;
+
+    fn held<T: Default>(call: impl FnOnce(*mut T) -> CallResult) -> Result<Option<T>, String> {
+        let mut place = T::default();
+        match call(&raw mut place) {
+            CallResult::Ok => Ok(Some(place)),
+            CallResult::Nothing => Ok(None),
+            _ => Err(error_text()),
+        }
+    }
+
+    fn error_text() -> String {
+        // SAFETY: never null, ends with a zero, valid until this thread's next failure.
+        unsafe { CStr::from_ptr(super::observer_error_text()) }.to_string_lossy().into_owned()
+    }
+
+    /// [`super::observer_open`] for `ports`.
+    ///
+    /// # Errors
+    /// The failure's text.
+    pub fn open(domain: &Domain, instance: &str, ports: u32, patience_s: f64) -> Result<Handle, String> {
+        let texts = (CString::new(domain.root().as_os_str().as_encoded_bytes()), CString::new(instance));
+        let (Ok(root), Ok(instance)) = texts else { return Err("a zero within a text".into()) };
+        let mut handle = Handle { thread: 0, number: 0 };
+        // SAFETY: both texts end with a zero, and the handle's place is one.
+        let result = unsafe {
+            let (root, instance) = (root.as_ptr(), instance.as_ptr());
+            super::observer_open(layout::HASH, root, instance, ports, patience_s, &raw mut handle)
+        };
+        if result == CallResult::Ok { Ok(handle) } else { Err(error_text()) }
+    }
+
+    /// [`super::observer_publish`].
+    ///
+    /// # Errors
+    /// The failure's text.
+    #[inline]
+    pub fn publish(handle: Handle, measurement: &Measurement) -> Result<(), String> {
+        let publish: unsafe extern "C" fn(_, _) -> _ = black_box(super::observer_publish);
+        // SAFETY: a reference points to one.
+        let result = unsafe { publish(handle, measurement) };
+        if (result as i32) < 0 { Err(error_text()) } else { Ok(()) }
+    }
+
+    /// [`super::observer_take`].
+    ///
+    /// # Errors
+    /// The failure's text.
+    #[inline]
+    pub fn take(handle: Handle) -> Result<Option<Estimate>, String> {
+        let take: unsafe extern "C" fn(_, _) -> _ = black_box(super::observer_take);
+        // SAFETY: the place of an estimate.
+        held(|place| unsafe { take(handle, place) })
+    }
+
+    /// [`super::observer_peek`].
+    ///
+    /// # Errors
+    /// The failure's text.
+    #[inline]
+    pub fn peek(handle: Handle) -> Result<Option<Estimate>, String> {
+        let peek: unsafe extern "C" fn(_, _) -> _ = black_box(super::observer_peek);
+        // SAFETY: the place of an estimate.
+        held(|place| unsafe { peek(handle, place) })
+    }
 }
