@@ -22,11 +22,11 @@ const NONE: Handle = Handle { thread: 0, number: 0 };
 mod c {
     use super::*;
 
-    pub fn open(root: &Path, instance: *const c_char, patience_s: f64) -> (CallResult, Handle) {
+    pub(super) fn open(root: &Path, instance: *const c_char, patience_s: f64) -> (CallResult, Handle) {
         open_for(layout::HASH, root, instance, ports::ALL, patience_s)
     }
 
-    pub fn open_for(
+    pub(super) fn open_for(
         layout: u32,
         root: &Path,
         instance: *const c_char,
@@ -41,47 +41,47 @@ mod c {
         (result, handle)
     }
 
-    pub fn open_to(handle: *mut Handle) -> CallResult {
+    pub(super) fn open_to(handle: *mut Handle) -> CallResult {
         // SAFETY: null, or a handle's place.
         unsafe { observer_open(layout::HASH, null(), c"vehicle".as_ptr(), ports::ALL, 0.0, handle) }
     }
 
-    pub fn publish(handle: Handle, sample: *const Measurement) -> CallResult {
+    pub(super) fn publish(handle: Handle, sample: *const Measurement) -> CallResult {
         // SAFETY: null, misaligned, or a measurement.
         unsafe { observer_publish(handle, sample) }
     }
 
-    pub fn take(handle: Handle, estimate: *mut Estimate) -> CallResult {
+    pub(super) fn take(handle: Handle, estimate: *mut Estimate) -> CallResult {
         // SAFETY: null, misaligned, or an estimate.
         unsafe { observer_take(handle, estimate) }
     }
 
-    pub fn wait(handle: Handle, patience_s: f64, estimate: *mut Estimate) -> CallResult {
+    pub(super) fn wait(handle: Handle, patience_s: f64, estimate: *mut Estimate) -> CallResult {
         // SAFETY: null, misaligned, or an estimate.
         unsafe { observer_wait(handle, patience_s, estimate) }
     }
 
-    pub fn peek(handle: Handle, estimate: *mut Estimate) -> CallResult {
+    pub(super) fn peek(handle: Handle, estimate: *mut Estimate) -> CallResult {
         // SAFETY: null, misaligned, or an estimate.
         unsafe { observer_peek(handle, estimate) }
     }
 
-    pub fn read_status(handle: Handle, status: *mut Status) -> CallResult {
+    pub(super) fn read_status(handle: Handle, status: *mut Status) -> CallResult {
         // SAFETY: null, misaligned, or a status.
         unsafe { observer_read_status(handle, status) }
     }
 
-    pub fn command(handle: Handle, command: u32, patience_s: f64, reply: *mut Reply) -> CallResult {
+    pub(super) fn command(handle: Handle, command: u32, patience_s: f64, reply: *mut Reply) -> CallResult {
         // SAFETY: null, misaligned, or a reply.
         unsafe { observer_command(handle, command, patience_s, reply) }
     }
 
-    pub fn reply_text(reply: *const Reply, text: *mut c_char, text_bytes: usize) -> CallResult {
+    pub(super) fn reply_text(reply: *const Reply, text: *mut c_char, text_bytes: usize) -> CallResult {
         // SAFETY: null, or a reply; null, or so many bytes.
         unsafe { observer_reply_text(reply, text, text_bytes) }
     }
 
-    pub fn error_text() -> String {
+    pub(super) fn error_text() -> String {
         // SAFETY: never null, ends with a zero, valid until this thread's next failure.
         unsafe { CStr::from_ptr(observer_error_text()) }.to_str().unwrap().to_owned()
     }
@@ -110,21 +110,29 @@ fn what_goes_in_comes_out_and_commands_are_answered() {
     let daemon = Daemon::start(&domain, &["--config", config.path().to_str().unwrap()]);
     let (result, handle) = c::open(domain.root(), VEHICLE, PATIENCE.as_secs_f64());
     good(result);
-    let (mut estimate, mut newest, mut status) =
-        (Estimate::default(), Estimate::default(), Status::default());
+    let (mut estimate, mut newest, mut status) = (Estimate::default(), Estimate::default(), Status::default());
+    let rust = domain.client();
+    let mut beside = rust.estimate_subscriber().unwrap();
     for sequence in 0..100 {
         let sample = moving(sequence);
         good(c::publish(handle, &raw const sample));
-        loop {
+        let deadline = Instant::now() + PATIENCE;
+        while (estimate.source_sequence, estimate.source_stamp_ns) != (sequence, sample.stamp_ns) {
+            assert!(Instant::now() < deadline, "no estimate of sample {sequence}: {:?}", domain.status());
             good(c::wait(handle, PATIENCE.as_secs_f64(), &raw mut estimate));
-            if estimate.source_sequence == sequence && estimate.source_stamp_ns == sample.stamp_ns {
-                break;
-            }
         }
         good(c::peek(handle, &raw mut newest));
         assert!(newest.sequence >= estimate.sequence);
+        // The same bits as the Rust client has them.
+        let of_rust = loop {
+            let found = beside.wait_next(PATIENCE).unwrap();
+            if found.sequence == estimate.sequence {
+                break found;
+            }
+        };
+        assert_eq!(estimate, of_rust);
     }
-    assert!((newest.velocity_m_s[2] - 0.5).abs() < 0.2, "{:?}", newest.velocity_m_s);
+    drop((beside, rust));
     // Peeking takes nothing away, and leaves what it found.
     good(c::peek(handle, &raw mut estimate));
     wait_until("a status that counts the samples", || {
