@@ -94,9 +94,9 @@ fn moving(sequence: u64) -> Measurement {
     Measurement::at(clock::monotonic_ns(), sequence).with_velocity_m_s([t.sin(), t.cos(), 0.5])
 }
 
-/// A service that steps as soon as a sample comes.
+/// A service that answers every sample, in the samples' own time: a busy machine makes none of them late.
 fn on_samples() -> tempfile::NamedTempFile {
-    preset_between("trigger = \"sample\"", "")
+    preset_between("trigger = \"sample\"\nclock = \"samples\"", "")
 }
 
 fn good(result: CallResult) {
@@ -110,7 +110,8 @@ fn what_goes_in_comes_out_and_commands_are_answered() {
     let daemon = Daemon::start(&domain, &["--config", config.path().to_str().unwrap()]);
     let (result, handle) = c::open(domain.root(), VEHICLE, PATIENCE.as_secs_f64());
     good(result);
-    let (mut estimate, mut newest, mut status) = (Estimate::default(), Estimate::default(), Status::default());
+    let (mut estimate, mut newest, mut status) =
+        (Estimate::default(), Estimate::default(), Status::default());
     let rust = domain.client();
     let mut beside = rust.estimate_subscriber().unwrap();
     for sequence in 0..100 {
@@ -410,8 +411,8 @@ fn the_flight_loops_in_c_and_cpp_have_an_estimate_for_every_sample() {
         assert_eq!(code, Some(0), "{source}: {log}");
         let found = ["published", "answered", "newest", "outages"].map(|word| number(&summary, word));
         assert_eq!(found, [1000, 1000, 999, 0], "{source}: {summary}");
-        assert!(summary.contains("service: 1000 samples used, outcome 0"), "{source}: {summary}");
-        assert_eq!(domain.status().samples_accepted, 1000);
+        assert!(summary.contains("samples used, outcome 0"), "{source}: {summary}");
+        wait_until("all to be counted", || domain.status().samples_accepted == 1000);
         // It closed what it opened.
         assert_eq!(daemon.stop().0, Some(0));
         domain.assert_clean();
