@@ -406,7 +406,8 @@ pub unsafe extern "C" fn observer_read_status(client: Handle, status: *mut Statu
 
 /// Sends a command (one of OBSERVER_COMMAND_…) and waits up to `patience_s` for the answer. OBSERVER_OK means that
 /// there is one: its `outcome` says whether the command was carried out, observer_reply_text() what the service
-/// says. Allocates and asks the system: not for the loop.
+/// says. Where the service is away, it is waited for as long as observer_open() was to. Allocates and asks the
+/// system: not for the loop.
 ///
 /// # Safety
 /// `reply` points to one.
