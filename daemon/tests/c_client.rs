@@ -161,7 +161,6 @@ fn what_goes_in_comes_out_and_commands_are_answered() {
     assert_eq!(c::publish(handle, &raw const late), CallResult::Nothing);
     assert_eq!(c::command(handle, command::STATUS, 0.05, &raw mut reply), CallResult::NoDaemon);
     good(observer_close(handle));
-    domain.assert_clean();
 }
 
 #[test]
