@@ -9,10 +9,12 @@ use observer_client::*;
 use rustix::process::Signal;
 use shared_types::payload::{Reply, command, outcome, real_time, status_bits, valid};
 use shared_types::{Estimate, Measurement, Status, clock, service};
+use std::collections::BTreeSet;
 use std::ffi::{CStr, CString, c_char};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::ptr::{null, null_mut};
+use std::sync::LazyLock;
 use std::time::{Duration, Instant};
 
 const NONE: Handle = Handle { thread: 0, number: 0 };
@@ -323,26 +325,70 @@ fn an_open_handle_allocates_nothing_but_the_loan() {
     good(observer_close(handle));
 }
 
-/// A directory of `shared_types/c`.
+/// A path of `shared_types/c`.
 fn of_the_client(path: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared_types/c").join(path)
 }
 
-/// Where this test's own build of the library is.
-fn built() -> PathBuf {
-    std::env::current_exe().unwrap().parent().unwrap().to_owned()
+/// Where this test's own build of the library is installed, as a user would.
+fn installed() -> &'static Path {
+    static PREFIX: LazyLock<PathBuf> = LazyLock::new(|| {
+        let prefix = Path::new(env!("CARGO_TARGET_TMPDIR")).join("c_client");
+        let built = std::env::current_exe().unwrap().parent().unwrap().to_owned();
+        let output = Command::new(of_the_client("install")).args([&prefix, &built]).output().unwrap();
+        let (code, _, log) = finished(output);
+        assert_eq!(code, Some(0), "{log}");
+        prefix
+    });
+    &PREFIX
+}
+
+/// The output of a tool of the compiler's; `None`, said, where it is not here.
+fn output_of(command: &mut Command) -> Option<String> {
+    match command.output() {
+        Err(error) if error.kind() == std::io::ErrorKind::NotFound => {
+            println!("not here: {command:?}");
+            None
+        }
+        output => {
+            let (code, out, log) = finished(output.unwrap());
+            assert_eq!(code, Some(0), "{command:?}\n{log}");
+            Some(out)
+        }
+    }
+}
+
+/// How a program finds the library's functions.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Linked {
+    Shared,
+    Static,
+}
+
+impl Linked {
+    /// What pkg-config says, or, where it is not here, the same by hand.
+    fn flags(self) -> Vec<String> {
+        let package = match self {
+            Self::Shared => "observer_client",
+            Self::Static => "observer_client-static",
+        };
+        let prefix = installed().display();
+        let mut command = Command::new("pkg-config");
+        command.args(["--cflags", "--libs", package]);
+        command.env("PKG_CONFIG_PATH", installed().join("lib/pkgconfig"));
+        let flags = output_of(&mut command).unwrap_or_else(|| match self {
+            Self::Shared => format!("-I{prefix}/include -L{prefix}/lib -lobserver_client"),
+            Self::Static => format!(
+                "-I{prefix}/include {prefix}/lib/libobserver_client.a -lgcc_s -lutil -lrt -lpthread -lm -ldl"
+            ),
+        });
+        flags.split_whitespace().map(String::from).collect()
+    }
 }
 
 /// A program in C or C++, compiled as strictly as can be.
 struct Program {
     directory: tempfile::TempDir,
-}
-
-/// How a program finds the library's functions.
-#[derive(Clone, Copy, PartialEq)]
-enum Linked {
-    Shared,
-    Static,
 }
 
 impl Program {
@@ -354,36 +400,15 @@ impl Program {
             _ => ("c++", "-std=c++17"),
         };
         let mut command = Command::new(compiler);
-        command.args([standard, "-O1", "-Wall", "-Wextra", "-Wpedantic", "-Werror"]);
-        command.arg("-I").arg(of_the_client("include")).arg(source);
-        command.arg("-o").arg(directory.path().join("program"));
-        match linked {
-            Linked::Shared => {
-                let library = built();
-                command.arg("-L").arg(&library).arg("-lobserver_client");
-                command.arg(format!("-Wl,-rpath,{}", library.display()));
-            }
-            Linked::Static => {
-                command.arg(built().join("libobserver_client.a"));
-                command.args(["-lgcc_s", "-lutil", "-lrt", "-lpthread", "-ldl"]);
-            }
-        }
-        match command.arg("-lm").output() {
-            Err(error) if error.kind() == std::io::ErrorKind::NotFound => {
-                println!("skipped: no {compiler} here");
-                None
-            }
-            output => {
-                let (code, _, log) = finished(output.unwrap());
-                assert_eq!(code, Some(0), "{command:?}\n{log}");
-                Some(Self { directory })
-            }
-        }
+        command.args([standard, "-O1", "-Wall", "-Wextra", "-Wpedantic", "-Werror"]).arg(source);
+        command.arg("-o").arg(directory.path().join("program")).args(linked.flags()).arg("-lm");
+        output_of(&mut command).map(|_| Self { directory })
     }
 
     fn command(&self, domain: &TestDomain, arguments: &[&str]) -> Command {
         let mut command = Command::new(self.directory.path().join("program"));
         command.args(arguments).env("OBSERVER_ROOT", domain.root());
+        command.env("LD_LIBRARY_PATH", installed().join("lib"));
         command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
         command
     }
@@ -397,7 +422,12 @@ fn number(summary: &str, word: &str) -> u64 {
 
 #[test]
 fn the_flight_loops_in_c_and_cpp_have_an_estimate_for_every_sample() {
-    for (source, linked) in [("flight_loop.c", Linked::Shared), ("flight_loop.cpp", Linked::Static)] {
+    for (source, linked, samples) in [
+        ("flight_loop.c", Linked::Shared, 1000),
+        ("flight_loop.cpp", Linked::Static, 1000),
+        ("flight_loop.c", Linked::Static, 100),
+        ("flight_loop.cpp", Linked::Shared, 100),
+    ] {
         let Some(program) = Program::compiled(&of_the_client("examples").join(source), linked) else {
             continue;
         };
@@ -405,13 +435,13 @@ fn the_flight_loops_in_c_and_cpp_have_an_estimate_for_every_sample() {
         let config = on_samples();
         let daemon = Daemon::start(&domain, &["--config", config.path().to_str().unwrap()]);
         // So patient that a busy machine does not matter: each sample is waited for.
-        let output = program.command(&domain, &["1000", "400", "30"]).output().unwrap();
+        let output = program.command(&domain, &[&samples.to_string(), "400", "30"]).output().unwrap();
         let (code, summary, log) = finished(output);
         assert_eq!(code, Some(0), "{source}: {log}");
         let found = ["published", "answered", "newest", "outages"].map(|word| number(&summary, word));
-        assert_eq!(found, [1000, 1000, 999, 0], "{source}: {summary}");
+        assert_eq!(found, [samples, samples, samples - 1, 0], "{source}, {linked:?}: {summary}");
         assert!(summary.contains("samples used, outcome 0"), "{source}: {summary}");
-        wait_until("all to be counted", || domain.status().samples_accepted == 1000);
+        wait_until("all to be counted", || domain.status().samples_accepted == samples);
         // It closed what it opened.
         assert_eq!(daemon.stop().0, Some(0));
         domain.assert_clean();
@@ -471,6 +501,31 @@ fn an_open_handle_makes_no_system_call() {
     // With one system call too many the kernel ends it.
     let (code, out, _) = finished(program.command(&domain, &["sleep"]).output().unwrap());
     assert_eq!((code, out.as_str()), (None, "no system call\n"));
+}
+
+/// What a program finds in the library is what the header declares, and the loader is asked for its major version.
+#[test]
+fn the_shared_library_has_the_functions_of_the_header_and_no_other() {
+    let library = installed().join("lib/libobserver_client.so");
+    let Some(symbols) =
+        output_of(Command::new("nm").args(["--dynamic", "--defined-only", "--format=posix"]).arg(&library))
+    else {
+        return;
+    };
+    let exported: BTreeSet<&str> =
+        symbols.lines().map(|line| line.split_whitespace().next().unwrap()).collect();
+    let header = std::fs::read_to_string(of_the_client("include/observer_client.h")).unwrap();
+    let (_, functions) = header.split_once("extern \"C\" {").unwrap();
+    let declared: BTreeSet<&str> = functions
+        .lines()
+        .filter(|line| !line.starts_with([' ', '/', '*', '#']))
+        .filter_map(|line| line.split_once('('))
+        .filter_map(|(before, _)| before.rsplit([' ', '*']).next())
+        .filter(|word| word.starts_with("observer_"))
+        .collect();
+    assert!(declared.len() == 11 && exported == declared, "{exported:?}\n{declared:?}");
+    let about = output_of(Command::new("readelf").args(["--dynamic", "--wide"]).arg(&library)).unwrap();
+    assert!(about.contains("Library soname: [libobserver_client.so.0]"), "{about}");
 }
 
 /// The C compiler's values of the header's constants, beside those of Rust.
