@@ -556,3 +556,18 @@ pub mod through_c {
         held(|place| unsafe { peek(handle, place) })
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_panic_stays_inside_and_is_told() {
+        assert_eq!(guarded(|| panic!("{} of {}", 3, 2)), CallResult::Internal);
+        // SAFETY: never null, ends with a zero, valid until this thread's next failure.
+        let text = unsafe { CStr::from_ptr(observer_error_text()) }.to_str().unwrap();
+        assert!(text.contains("defect of the library: 3 of 2"), "{text}");
+        // What was open still is: a panic poisons nothing.
+        assert_eq!(observer_close(Handle { thread: 0, number: 0 }), CallResult::BadHandle);
+    }
+}

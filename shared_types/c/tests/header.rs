@@ -43,12 +43,12 @@ fn header() -> String {
         language: cbindgen::Language::C,
         cpp_compat: true,
         style: cbindgen::Style::Type,
-        include_guard: Some("OBSERVER_CLIENT_H".into()),
+        usize_is_size_t: true,
         no_includes: true,
         sys_includes: ["assert.h", "stddef.h", "stdint.h"].map(String::from).into(),
-        header: Some(HEAD.trim().into()),
+        header: Some(format!("{}\n\n#ifndef OBSERVER_CLIENT_H\n#define OBSERVER_CLIENT_H", HEAD.trim())),
         after_includes: Some(constants()),
-        trailer: Some(assertions()),
+        trailer: Some(format!("{}\n#endif // OBSERVER_CLIENT_H", assertions())),
         documentation_style: cbindgen::DocumentationStyle::Doxy,
         line_length: 110,
         enumeration: cbindgen::EnumConfig {
@@ -87,6 +87,7 @@ fn header() -> String {
         text = text.replace(&format!("[`{module}`]"), &format!("{prefix}_…"));
         text = text.replace(&format!("[`{module}::"), &format!("[`{prefix}_"));
     }
+    text = text.replace("[`Command::kind`]", "`command` in observer_command()");
     text.replace("[`", "").replace("`]", "").replace("::", ".").replace(" * # Safety\n", " * Condition:\n")
 }
 
@@ -100,10 +101,12 @@ const HEAD: &str = r#"
  *     observer_measurement sample = {.sequence = 0, .stamp_ns = observer_now_ns(), .valid = OBSERVER_VALID_VELOCITY};
  *     observer_publish(client, &sample);
  *     observer_estimate estimate;
- *     if (observer_peek(client, &estimate) == OBSERVER_OK && !(estimate.status & OBSERVER_STATUS_BITS_STALE)) ...
+ *     uint64_t do_not_fly = OBSERVER_STATUS_BITS_STALE | OBSERVER_STATUS_BITS_INVALID;
+ *     if (observer_peek(client, &estimate) == OBSERVER_OK && !(estimate.status & do_not_fly)) ...
  *     observer_close(client);
  *
- * A handle belongs to the thread that opened it; every other thread's call is refused. Results below 0 are failures.
+ * Results below 0 are failures. Any thread may call; a handle belongs to the thread that opened it, and every other
+ * thread's call is refused. Signal handlers and forked children must not call.
  * Once a handle is open, observer_publish, _take, _peek and _read_status make no system call.
  * All quantities are SI; the unit is in the name. Frames: inertial, and the body's; attitude_wxyz rotates
  * body vectors into the inertial frame. */
@@ -139,15 +142,20 @@ fn defines(source: &str, module: &str, prefix: &str) -> String {
     let mut lines = source.lines();
     let before = lines.by_ref().take_while(|line| *line != start).last().unwrap();
     let mut text = format!("\n/* {} */\n", before.strip_prefix("/// ").expect("a documented module"));
+    let mut words = Vec::new();
     for line in lines.take_while(|line| *line != "}").map(str::trim) {
-        if let Some(words) = line.strip_prefix("/// ") {
-            writeln!(text, "/** {words} */").unwrap();
-        } else if let Some(constant) = line.strip_prefix("pub const ") {
+        if let Some(found) = line.strip_prefix("/// ") {
+            words.push(found);
+            continue;
+        }
+        if let Some(constant) = line.strip_prefix("pub const ") {
             let (name, rest) = constant.split_once(": ").unwrap();
             let (kind, value) = rest.strip_suffix(';').unwrap().split_once(" = ").unwrap();
             let literal = if kind == "u64" { "UINT64_C" } else { "UINT32_C" };
-            writeln!(text, "#define {prefix}_{name} ({})", in_c(value, prefix, literal)).unwrap();
+            let value = in_c(value, prefix, literal);
+            writeln!(text, "/** {} */\n#define {prefix}_{name} ({value})", words.join(" ")).unwrap();
         }
+        words.clear();
     }
     text
 }
@@ -160,6 +168,7 @@ fn in_c(expression: &str, prefix: &str, literal: &str) -> String {
         let (word, rest) = word.split_at(end);
         text += &match word.as_bytes() {
             [] => String::new(),
+            [b'0'..=b'9', ..] if text.ends_with("<< ") => word.into(),
             [b'0'..=b'9', ..] => format!("{literal}({word})"),
             _ => format!("{prefix}_{word}"),
         };
