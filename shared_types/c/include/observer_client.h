@@ -32,25 +32,25 @@
 
 /* Bits of observer_measurement.valid: which fields carry a measurement. */
 /** `velocity_m_s`, in the frame that `velocity_frame` names. */
-#define OBSERVER_VALID_VELOCITY (UINT32_C(1) << UINT32_C(0))
+#define OBSERVER_VALID_VELOCITY (UINT32_C(1) << 0)
 /** `angular_velocity_rad_s`. */
-#define OBSERVER_VALID_ANGULAR_VELOCITY (UINT32_C(1) << UINT32_C(1))
+#define OBSERVER_VALID_ANGULAR_VELOCITY (UINT32_C(1) << 1)
 /** `position_m`. */
-#define OBSERVER_VALID_POSITION (UINT32_C(1) << UINT32_C(2))
+#define OBSERVER_VALID_POSITION (UINT32_C(1) << 2)
 /** `attitude_wxyz`. */
-#define OBSERVER_VALID_ATTITUDE (UINT32_C(1) << UINT32_C(3))
+#define OBSERVER_VALID_ATTITUDE (UINT32_C(1) << 3)
 /** `force_n`: replaces the held command. Until the first one the command is zero. */
-#define OBSERVER_VALID_FORCE (UINT32_C(1) << UINT32_C(4))
+#define OBSERVER_VALID_FORCE (UINT32_C(1) << 4)
 /** `torque_n_m`: replaces the held command. Until the first one the command is zero. */
-#define OBSERVER_VALID_TORQUE (UINT32_C(1) << UINT32_C(5))
+#define OBSERVER_VALID_TORQUE (UINT32_C(1) << 5)
 /** Every field of a rigid body. */
-#define OBSERVER_VALID_RIGID_BODY ((UINT32_C(1) << UINT32_C(6)) - UINT32_C(1))
+#define OBSERVER_VALID_RIGID_BODY ((UINT32_C(1) << 6) - UINT32_C(1))
 /** `output` of a general linear plant. */
-#define OBSERVER_VALID_OUTPUT (UINT32_C(1) << UINT32_C(6))
+#define OBSERVER_VALID_OUTPUT (UINT32_C(1) << 6)
 /** `input` of a general linear plant: replaces the held one. Until the first one it is zero. */
-#define OBSERVER_VALID_INPUT (UINT32_C(1) << UINT32_C(7))
+#define OBSERVER_VALID_INPUT (UINT32_C(1) << 7)
 /** Every bit that has a meaning. */
-#define OBSERVER_VALID_ALL ((UINT32_C(1) << UINT32_C(8)) - UINT32_C(1))
+#define OBSERVER_VALID_ALL ((UINT32_C(1) << 8) - UINT32_C(1))
 
 /* Values of observer_measurement.velocity_frame. */
 /** Components along the inertial axes. */
@@ -60,55 +60,53 @@
 
 /* Bits of observer_estimate.status. */
 /** Every configured channel follows measurements that it holds now. */
-#define OBSERVER_STATUS_BITS_TRACKING (UINT64_C(1) << UINT64_C(0))
+#define OBSERVER_STATUS_BITS_TRACKING (UINT64_C(1) << 0)
 /** The translation channel predicts without a velocity measurement. */
-#define OBSERVER_STATUS_BITS_COASTING_TRANSLATION (UINT64_C(1) << UINT64_C(1))
+#define OBSERVER_STATUS_BITS_COASTING_TRANSLATION (UINT64_C(1) << 1)
 /** The rotation channel predicts without an angular-velocity measurement. */
-#define OBSERVER_STATUS_BITS_COASTING_ROTATION (UINT64_C(1) << UINT64_C(2))
+#define OBSERVER_STATUS_BITS_COASTING_ROTATION (UINT64_C(1) << 2)
 /** The general linear plant's channel predicts without an output. */
-#define OBSERVER_STATUS_BITS_COASTING_LINEAR (UINT64_C(1) << UINT64_C(11))
+#define OBSERVER_STATUS_BITS_COASTING_LINEAR (UINT64_C(1) << 11)
 /** Any channel coasts. */
 #define OBSERVER_STATUS_BITS_COASTING (OBSERVER_STATUS_BITS_COASTING_TRANSLATION | OBSERVER_STATUS_BITS_COASTING_ROTATION | OBSERVER_STATUS_BITS_COASTING_LINEAR)
 /** No sample for longer than `stale_after_s`, or none yet: do not fly on this. */
-#define OBSERVER_STATUS_BITS_STALE (UINT64_C(1) << UINT64_C(3))
+#define OBSERVER_STATUS_BITS_STALE (UINT64_C(1) << 3)
 /** A channel's dead zone is open: the unknown force is being learned now. */
-#define OBSERVER_STATUS_BITS_ADAPTING (UINT64_C(1) << UINT64_C(4))
+#define OBSERVER_STATUS_BITS_ADAPTING (UINT64_C(1) << 4)
 /** Adaptation was frozen by an operator. */
-#define OBSERVER_STATUS_BITS_FROZEN (UINT64_C(1) << UINT64_C(5))
+#define OBSERVER_STATUS_BITS_FROZEN (UINT64_C(1) << 5)
 /** The held output lies outside the box of the kernel centers: nothing was learned there. */
-#define OBSERVER_STATUS_BITS_OUTSIDE_CENTERS (UINT64_C(1) << UINT64_C(6))
+#define OBSERVER_STATUS_BITS_OUTSIDE_CENTERS (UINT64_C(1) << 6)
 /** A sample was rejected since the previous estimate. */
-#define OBSERVER_STATUS_BITS_REJECTED_SAMPLE (UINT64_C(1) << UINT64_C(7))
+#define OBSERVER_STATUS_BITS_REJECTED_SAMPLE (UINT64_C(1) << 7)
 /** The dead zone's output was clamped to the stability bound of the sampled law. */
-#define OBSERVER_STATUS_BITS_CLAMPED (UINT64_C(1) << UINT64_C(8))
+#define OBSERVER_STATUS_BITS_CLAMPED (UINT64_C(1) << 8)
 /** The state was not finite or beyond limits and was reset to the last good copy. */
-#define OBSERVER_STATUS_BITS_DIVERGED (UINT64_C(1) << UINT64_C(9))
+#define OBSERVER_STATUS_BITS_DIVERGED (UINT64_C(1) << 9)
 /** No sample was ever accepted: the estimate is the initial state. */
-#define OBSERVER_STATUS_BITS_WAITING (UINT64_C(1) << UINT64_C(10))
+#define OBSERVER_STATUS_BITS_WAITING (UINT64_C(1) << 10)
 /** The tick before ended after its next deadline: the loop is late. */
-#define OBSERVER_STATUS_BITS_LATE (UINT64_C(1) << UINT64_C(12))
+#define OBSERVER_STATUS_BITS_LATE (UINT64_C(1) << 12)
 /** The loop was late so many times in a row that samples are not used: the estimate is predicted only. */
-#define OBSERVER_STATUS_BITS_PREDICT_ONLY (UINT64_C(1) << UINT64_C(13))
+#define OBSERVER_STATUS_BITS_PREDICT_ONLY (UINT64_C(1) << 13)
 /** The loop was late for so long that the estimate is not to be used at all: do not fly on this. */
-#define OBSERVER_STATUS_BITS_INVALID (UINT64_C(1) << UINT64_C(14))
+#define OBSERVER_STATUS_BITS_INVALID (UINT64_C(1) << 14)
 /** An output that is implausible against its recent errors was held back since the previous estimate. */
-#define OBSERVER_STATUS_BITS_HELD_BACK (UINT64_C(1) << UINT64_C(15))
+#define OBSERVER_STATUS_BITS_HELD_BACK (UINT64_C(1) << 15)
 /** A sensor repeats one value to the bit. */
-#define OBSERVER_STATUS_BITS_STUCK (UINT64_C(1) << UINT64_C(16))
-/** The set bits in words, for people. */
+#define OBSERVER_STATUS_BITS_STUCK (UINT64_C(1) << 16)
 
 /* Bits of observer_status.real_time_requested and observer_status.real_time_granted. */
 /** A fixed priority (SCHED_FIFO) for the loop. */
-#define OBSERVER_REAL_TIME_PRIORITY (UINT64_C(1) << UINT64_C(0))
+#define OBSERVER_REAL_TIME_PRIORITY (UINT64_C(1) << 0)
 /** Cores of the loop's own choice. */
-#define OBSERVER_REAL_TIME_CORES (UINT64_C(1) << UINT64_C(1))
+#define OBSERVER_REAL_TIME_CORES (UINT64_C(1) << 1)
 /** Memory that is neither swapped out nor mapped late. */
-#define OBSERVER_REAL_TIME_LOCKED_MEMORY (UINT64_C(1) << UINT64_C(2))
+#define OBSERVER_REAL_TIME_LOCKED_MEMORY (UINT64_C(1) << 2)
 /** Timers without slack. */
-#define OBSERVER_REAL_TIME_PUNCTUAL_TIMERS (UINT64_C(1) << UINT64_C(3))
+#define OBSERVER_REAL_TIME_PUNCTUAL_TIMERS (UINT64_C(1) << 3)
 /** Cores that wake up at once. */
-#define OBSERVER_REAL_TIME_AWAKE_CORES (UINT64_C(1) << UINT64_C(4))
-/** The set bits in words, for people. */
+#define OBSERVER_REAL_TIME_AWAKE_CORES (UINT64_C(1) << 4)
 
 /* Values of observer_status.snapshot_restored. */
 /** The service started with nothing learned. */
@@ -118,7 +116,7 @@
 /** It started with that and with the state, and goes on from there. */
 #define OBSERVER_RESTORED_LEARNED_AND_STATE (UINT64_C(2))
 
-/* Values of Command.kind. */
+/* Values of `command` in observer_command(). */
 /** Forget state and weights; start again from the next sample. */
 #define OBSERVER_COMMAND_RESET (UINT32_C(1))
 /** Stop learning; keep using what was learned. */
@@ -140,15 +138,15 @@
 
 /* What a handle is opened for: bits of `ports` in observer_open(). */
 /** observer_publish(): a source. An instance has 8 places for sources. */
-#define OBSERVER_PORTS_PUBLISH (UINT32_C(1) << UINT32_C(0))
+#define OBSERVER_PORTS_PUBLISH (UINT32_C(1) << 0)
 /** observer_take() and observer_wait(): a queue of 256 estimates. An instance has 32 places for readers of estimates. */
-#define OBSERVER_PORTS_TAKE (UINT32_C(1) << UINT32_C(1))
+#define OBSERVER_PORTS_TAKE (UINT32_C(1) << 1)
 /** observer_peek(): the newest estimate. It takes a place for a reader of estimates, too. */
-#define OBSERVER_PORTS_PEEK (UINT32_C(1) << UINT32_C(2))
+#define OBSERVER_PORTS_PEEK (UINT32_C(1) << 2)
 /** observer_read_status(): the newest status. An instance has 32 places for readers of it. */
-#define OBSERVER_PORTS_STATUS (UINT32_C(1) << UINT32_C(3))
+#define OBSERVER_PORTS_STATUS (UINT32_C(1) << 3)
 /** All of these. */
-#define OBSERVER_PORTS_ALL ((UINT32_C(1) << UINT32_C(4)) - UINT32_C(1))
+#define OBSERVER_PORTS_ALL ((UINT32_C(1) << 4) - UINT32_C(1))
 
 /**
  * How a call ended: 0 and above are good, below are failures, whose reason observer_error_text() tells.
@@ -199,11 +197,7 @@ typedef enum {
 /**
  * Why a sample was rejected; the value is its index in observer_status.samples_rejected.
  */
-enum observer_rejection
-#if defined(__cplusplus) || __STDC_VERSION__ >= 202311L
-  : uintptr_t
-#endif // defined(__cplusplus) || __STDC_VERSION__ >= 202311L
- {
+typedef enum {
   /**
    * A valid field is NaN or infinite.
    */
@@ -248,14 +242,7 @@ enum observer_rejection
    * The loop was late for too long to use it.
    */
   OBSERVER_REJECTION_OVERLOAD,
-};
-#ifndef __cplusplus
-#if __STDC_VERSION__ >= 202311L
-typedef enum observer_rejection observer_rejection;
-#else
-typedef uintptr_t observer_rejection;
-#endif // __STDC_VERSION__ >= 202311L
-#endif // __cplusplus
+} observer_rejection;
 
 /**
  * A connection to one instance of the service, of the thread that opened it. All zero is none.
@@ -753,7 +740,7 @@ observer_result observer_command(observer_client client,
  */
 observer_result observer_reply_text(const observer_reply *reply,
                                     char *text,
-                                    uintptr_t text_bytes);
+                                    size_t text_bytes);
 
 /**
  * Closes a handle, on the thread that opened it. What a thread leaves open is closed when it ends.
@@ -774,8 +761,6 @@ const char *observer_error_text(void);
 #ifdef __cplusplus
 }  // extern "C"
 #endif  // __cplusplus
-
-#endif  /* OBSERVER_CLIENT_H */
 
 /* The payloads as the library was compiled. */
 static_assert(sizeof(observer_measurement) == 272, "size of observer_measurement");
@@ -869,3 +854,4 @@ static_assert(offsetof(observer_reply, outcome) == 0, "observer_reply.outcome");
 static_assert(offsetof(observer_reply, message_bytes) == 4, "observer_reply.message_bytes");
 static_assert(offsetof(observer_reply, message) == 8, "observer_reply.message");
 static_assert(offsetof(observer_reply, status) == 256, "observer_reply.status");
+#endif // OBSERVER_CLIENT_H
