@@ -19,11 +19,11 @@ const TRIP_PATIENCE_NS: u64 = 1_000_000_000;
 /// Samples of each client that are not timed: until the echo has connected, and all is in the caches.
 const UNTIMED: usize = 100;
 
-/// The calls of a loop, of either client.
+/// The calls of a loop, of either client; an estimate goes where the caller wants it, if there is one.
 trait Calls {
-    fn publish(&mut self, sample: &Measurement) -> anyhow::Result<()>;
-    fn take(&mut self) -> anyhow::Result<Option<Estimate>>;
-    fn peek(&mut self) -> anyhow::Result<Option<Estimate>>;
+    fn publish(&mut self, sample: &Measurement) -> anyhow::Result<bool>;
+    fn take(&mut self, estimate: &mut Estimate) -> anyhow::Result<bool>;
+    fn peek(&mut self, estimate: &mut Estimate) -> anyhow::Result<bool>;
 }
 
 struct Rust {
@@ -32,34 +32,37 @@ struct Rust {
     newest: Latest<Estimate>,
 }
 
+fn put(found: Option<Estimate>, estimate: &mut Estimate) -> bool {
+    found.map(|found| *estimate = found).is_some()
+}
+
 impl Calls for Rust {
-    fn publish(&mut self, sample: &Measurement) -> anyhow::Result<()> {
-        self.samples.publish(sample)?;
-        Ok(())
+    fn publish(&mut self, sample: &Measurement) -> anyhow::Result<bool> {
+        Ok(self.samples.publish(sample)? > 0)
     }
 
-    fn take(&mut self) -> anyhow::Result<Option<Estimate>> {
-        Ok(self.estimates.take()?)
+    fn take(&mut self, estimate: &mut Estimate) -> anyhow::Result<bool> {
+        Ok(put(self.estimates.take()?, estimate))
     }
 
-    fn peek(&mut self) -> anyhow::Result<Option<Estimate>> {
-        Ok(self.newest.peek()?)
+    fn peek(&mut self, estimate: &mut Estimate) -> anyhow::Result<bool> {
+        Ok(put(self.newest.peek()?, estimate))
     }
 }
 
 struct ThroughC(Handle);
 
 impl Calls for ThroughC {
-    fn publish(&mut self, sample: &Measurement) -> anyhow::Result<()> {
+    fn publish(&mut self, sample: &Measurement) -> anyhow::Result<bool> {
         through_c::publish(self.0, sample).map_err(|text| anyhow!(text))
     }
 
-    fn take(&mut self) -> anyhow::Result<Option<Estimate>> {
-        through_c::take(self.0).map_err(|text| anyhow!(text))
+    fn take(&mut self, estimate: &mut Estimate) -> anyhow::Result<bool> {
+        through_c::take(self.0, estimate).map_err(|text| anyhow!(text))
     }
 
-    fn peek(&mut self) -> anyhow::Result<Option<Estimate>> {
-        through_c::peek(self.0).map_err(|text| anyhow!(text))
+    fn peek(&mut self, estimate: &mut Estimate) -> anyhow::Result<bool> {
+        through_c::peek(self.0, estimate).map_err(|text| anyhow!(text))
     }
 }
 
@@ -85,20 +88,21 @@ fn timed<T>(call: impl FnOnce() -> anyhow::Result<T>) -> anyhow::Result<(T, u64)
 
 /// One sample and its answer; whether both have come through.
 fn trip(client: &mut impl Calls, vehicle: &mut MovingVehicle, times: &mut Times) -> anyhow::Result<bool> {
+    let mut estimate = Estimate::default();
     // Answers to the other client came here as well.
-    while client.take()?.is_some() {}
-    client.peek()?;
+    while client.take(&mut estimate)? {}
+    client.peek(&mut estimate)?;
     let sample = vehicle.sample();
-    let ((), publish_ns) = timed(|| client.publish(&sample))?;
+    let (_, publish_ns) = timed(|| client.publish(&sample))?;
     let take_ns = loop {
-        match timed(|| client.take())? {
-            (Some(estimate), take_ns) if estimate.source_sequence == sample.sequence => break take_ns,
+        match timed(|| client.take(&mut estimate))? {
+            (true, take_ns) if estimate.source_sequence == sample.sequence => break take_ns,
             _ if monotonic_ns() - sample.stamp_ns > TRIP_PATIENCE_NS => return Ok(false),
             _ => {}
         }
     };
-    let (newest, peek_ns) = timed(|| client.peek())?;
-    if newest.is_none_or(|newest| newest.source_sequence != sample.sequence) {
+    let (found, peek_ns) = timed(|| client.peek(&mut estimate))?;
+    if !found || estimate.source_sequence != sample.sequence {
         // The echo was between its two readers.
         return Ok(true);
     }

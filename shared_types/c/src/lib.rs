@@ -239,14 +239,8 @@ fn patience(seconds: f64) -> Result<Duration, Failure> {
     }
 }
 
-fn found<T>(value: Option<T>, place: &mut MaybeUninit<T>) -> CallResult {
-    match value {
-        Some(value) => {
-            place.write(value);
-            CallResult::Ok
-        }
-        None => CallResult::Nothing,
-    }
+fn found<T>(value: Option<T>) -> CallResult {
+    value.map_or(CallResult::Nothing, |_| CallResult::Ok)
 }
 
 /// Connects this thread to the service of an instance, and opens the ports that are asked for: what allocates
@@ -345,7 +339,8 @@ pub unsafe extern "C" fn observer_take(client: Handle, estimate: *mut Estimate) 
         // SAFETY: this function's own condition.
         let place = unsafe { output(estimate, "estimate") }?;
         with(client, |connection| {
-            Ok(found(port(&mut connection.estimates, "OBSERVER_PORTS_TAKE")?.take()?, place))
+            let estimates = port(&mut connection.estimates, "OBSERVER_PORTS_TAKE")?;
+            Ok(found(estimates.take_by(|estimate| _ = place.write(*estimate))?))
         })
     })
 }
@@ -383,7 +378,8 @@ pub unsafe extern "C" fn observer_peek(client: Handle, estimate: *mut Estimate) 
         // SAFETY: this function's own condition.
         let place = unsafe { output(estimate, "estimate") }?;
         with(client, |connection| {
-            Ok(found(port(&mut connection.newest_estimate, "OBSERVER_PORTS_PEEK")?.peek()?, place))
+            let newest = port(&mut connection.newest_estimate, "OBSERVER_PORTS_PEEK")?.newest()?;
+            Ok(found(newest.map(|estimate| _ = place.write(*estimate))))
         })
     })
 }
@@ -399,7 +395,8 @@ pub unsafe extern "C" fn observer_read_status(client: Handle, status: *mut Statu
         // SAFETY: this function's own condition.
         let place = unsafe { output(status, "status") }?;
         with(client, |connection| {
-            Ok(found(port(&mut connection.newest_status, "OBSERVER_PORTS_STATUS")?.peek()?, place))
+            let newest = port(&mut connection.newest_status, "OBSERVER_PORTS_STATUS")?.newest()?;
+            Ok(found(newest.map(|status| _ = place.write(*status))))
         })
     })
 }
@@ -492,11 +489,10 @@ pub mod through_c {
     use std::ffi::{CStr, CString};
     use std::hint::black_box;
 
-    fn held<T: Default>(call: impl FnOnce(*mut T) -> CallResult) -> Result<Option<T>, String> {
-        let mut place = T::default();
-        match call(&raw mut place) {
-            CallResult::Ok => Ok(Some(place)),
-            CallResult::Nothing => Ok(None),
+    fn found(result: CallResult) -> Result<bool, String> {
+        match result {
+            CallResult::Ok => Ok(true),
+            CallResult::Nothing => Ok(false),
             _ => Err(error_text()),
         }
     }
@@ -527,11 +523,10 @@ pub mod through_c {
     /// # Errors
     /// The failure's text.
     #[inline]
-    pub fn publish(handle: Handle, measurement: &Measurement) -> Result<(), String> {
+    pub fn publish(handle: Handle, measurement: &Measurement) -> Result<bool, String> {
         let publish: unsafe extern "C" fn(_, _) -> _ = black_box(super::observer_publish);
         // SAFETY: a reference points to one.
-        let result = unsafe { publish(handle, measurement) };
-        if (result as i32) < 0 { Err(error_text()) } else { Ok(()) }
+        found(unsafe { publish(handle, measurement) })
     }
 
     /// [`super::observer_take`].
@@ -539,10 +534,10 @@ pub mod through_c {
     /// # Errors
     /// The failure's text.
     #[inline]
-    pub fn take(handle: Handle) -> Result<Option<Estimate>, String> {
+    pub fn take(handle: Handle, estimate: &mut Estimate) -> Result<bool, String> {
         let take: unsafe extern "C" fn(_, _) -> _ = black_box(super::observer_take);
-        // SAFETY: the place of an estimate.
-        held(|place| unsafe { take(handle, place) })
+        // SAFETY: a reference points to one.
+        found(unsafe { take(handle, estimate) })
     }
 
     /// [`super::observer_peek`].
@@ -550,10 +545,10 @@ pub mod through_c {
     /// # Errors
     /// The failure's text.
     #[inline]
-    pub fn peek(handle: Handle) -> Result<Option<Estimate>, String> {
+    pub fn peek(handle: Handle, estimate: &mut Estimate) -> Result<bool, String> {
         let peek: unsafe extern "C" fn(_, _) -> _ = black_box(super::observer_peek);
-        // SAFETY: the place of an estimate.
-        held(|place| unsafe { peek(handle, place) })
+        // SAFETY: a reference points to one.
+        found(unsafe { peek(handle, estimate) })
     }
 }
 
