@@ -112,7 +112,8 @@ fn run(arguments: &Arguments) -> anyhow::Result<()> {
     };
     check_instance_name(&arguments.instance)?;
     let stop = Arc::new(AtomicBool::new(false));
-    for signal in [SIGINT, SIGTERM, SIGHUP] {
+    // `--once` waits for seconds at most, and ends as any program does.
+    for signal in [SIGINT, SIGTERM, SIGHUP].into_iter().filter(|_| !arguments.once) {
         // A second one ends the program at once: the first may wait for a terminal that takes nothing any more.
         signal_hook::flag::register_conditional_default(signal, Arc::clone(&stop))
             .and_then(|_| signal_hook::flag::register(signal, Arc::clone(&stop)))

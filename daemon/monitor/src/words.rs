@@ -163,7 +163,7 @@ fn of_bits(model: &Model, note: &mut impl FnMut(Level, &'static str, String)) {
     }
     if was_set(bits::DIVERGED) {
         note(
-            Level::Alarm,
+            Level::Caution,
             "diverged",
             "the state left its limits and was put back to the last good one; look at the sensors and input.max_…".into(),
         );

@@ -67,8 +67,8 @@ static observer_result answer(observer_client client, const observer_measurement
 int main(int argc, char **argv)
 {
     uint64_t samples = argc > 1 ? strtoull(argv[1], NULL, 10) : 1000;
-    double rate_hz = argc > 2 ? strtod(argv[2], NULL) : 250.0;
-    double patience_s = argc > 3 ? strtod(argv[3], NULL) : 0.05;
+    double rate_hz = argc > 2 ? strtod(argv[2], NULL) : 200.0;
+    double patience_s = argc > 3 ? strtod(argv[3], NULL) : 0.5 / rate_hz;
     if (samples == 0 || !(rate_hz >= 1.0) || !(patience_s >= 0.0)) {
         fprintf(stderr, "usage: flight_loop [SAMPLES [RATE_HZ [PATIENCE_S]]]\n");
         return 2;
@@ -100,7 +100,10 @@ int main(int argc, char **argv)
             silent = true;
             ++outages;
         }
+        /* What is late stays late: nothing is made up in a burst. */
         deadline_ns += period_ns;
+        if (observer_now_ns() > deadline_ns)
+            deadline_ns = observer_now_ns();
         sleep_until_ns(deadline_ns);
     }
 

@@ -67,7 +67,8 @@ static void fly(std::uint64_t samples, double rate_hz, Seconds patience)
             silent = true;
             ++outages;
         }
-        deadline += period;
+        // What is late stays late: nothing is made up in a burst.
+        deadline = std::max(deadline + period, Clock::now());
         std::this_thread::sleep_until(deadline);
     }
 
@@ -86,8 +87,8 @@ static void fly(std::uint64_t samples, double rate_hz, Seconds patience)
 int main(int argc, char **argv)
 {
     const std::uint64_t samples = argc > 1 ? std::strtoull(argv[1], nullptr, 10) : 1000;
-    const double rate_hz = argc > 2 ? std::strtod(argv[2], nullptr) : 250.0;
-    const double patience_s = argc > 3 ? std::strtod(argv[3], nullptr) : 0.05;
+    const double rate_hz = argc > 2 ? std::strtod(argv[2], nullptr) : 200.0;
+    const double patience_s = argc > 3 ? std::strtod(argv[3], nullptr) : 0.5 / rate_hz;
     if (samples == 0 || !(rate_hz >= 1.0) || !(patience_s >= 0.0)) {
         std::fprintf(stderr, "usage: flight_loop [SAMPLES [RATE_HZ [PATIENCE_S]]]\n");
         return 2;

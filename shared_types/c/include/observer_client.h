@@ -8,7 +8,8 @@
  *     observer_publish(client, &sample);
  *     observer_estimate estimate;
  *     uint64_t do_not_fly = OBSERVER_STATUS_BITS_STALE | OBSERVER_STATUS_BITS_INVALID;
- *     if (observer_peek(client, &estimate) == OBSERVER_OK && !(estimate.status & do_not_fly)) ...
+ *     if (observer_peek(client, &estimate) == OBSERVER_OK && !(estimate.status & do_not_fly)
+ *         && observer_now_ns() - estimate.publish_stamp_ns < 100000000) ... // a dead service's last one stays
  *     observer_close(client);
  *
  * Results below 0 are failures. Any thread may call; a handle belongs to the thread that opened it, and every other

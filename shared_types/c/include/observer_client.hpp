@@ -47,6 +47,12 @@ struct Reply {
 /// Nanoseconds of CLOCK_MONOTONIC, the clock of every stamp.
 inline std::uint64_t now_ns() noexcept { return observer_now_ns(); }
 
+/// How old an estimate is (s): the last one of a service that died stays, whatever its status says.
+inline double age_s(const Estimate &estimate) noexcept
+{
+    return 1e-9 * static_cast<double>(static_cast<std::int64_t>(now_ns() - estimate.publish_stamp_ns));
+}
+
 /// A connection to one instance of the service, closed with this value. It moves, but not to another thread: every
 /// call, and the destruction, belong to the thread that made it. (Destroyed by another thread it stays open until
 /// its own thread ends.)

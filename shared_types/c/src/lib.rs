@@ -112,15 +112,26 @@ struct Connection {
 
 /// What one thread has opened.
 struct Opened {
+    process: u32,
     thread: u32,
     last_number: u32,
     connections: Vec<Connection>,
+}
+
+impl Drop for Opened {
+    /// In a forked child the ports are its parent's, who flies on with them: they are left alone.
+    fn drop(&mut self) {
+        if self.process != std::process::id() {
+            std::mem::forget(std::mem::take(&mut self.connections));
+        }
+    }
 }
 
 static THREADS: AtomicU32 = AtomicU32::new(0);
 
 thread_local! {
     static OPENED: RefCell<Opened> = RefCell::new(Opened {
+        process: std::process::id(),
         thread: THREADS.fetch_add(1, Ordering::Relaxed) + 1,
         last_number: 0,
         connections: Vec::new(),
