@@ -57,7 +57,7 @@ Examples:
     /// Plays a recorded flight
     #[command(after_help = "\
 Keys of --column and --map (SI; a quantity has all of its components or none). A
-column that bears a key's own name needs no naming; nor does body_velocity_x|y|z:
+column that bears a key's own name needs no naming, body_velocity_x|y|z neither:
   time_s, or time with time_unit = s|ms|us|ns;  separator (default ,)
   velocity_x|y|z with velocity_frame = inertial|body;  angular_velocity_x|y|z
   position_x|y|z;  attitude_w|x|y|z;  force_x|y|z;  torque_x|y|z
