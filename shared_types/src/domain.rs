@@ -430,8 +430,10 @@ impl Domain {
             });
         }
         // The lock is the first file made here and the last one removed: without it, nothing here is ours.
-        if files_where(&self.root, is_lock)?.is_empty()
-            && let Some(other) = files_where(&self.root, |_| true)?.first()
+        // So it is looked for after the others: another process may be making them just now, or removing them.
+        if let Some(other) = files_where(&self.root, |_| true)?.first()
+            && files_where(&self.root, is_lock)?.is_empty()
+            && other.exists()
         {
             return Err(DomainError::Root {
                 path: self.root.display().to_string(),
