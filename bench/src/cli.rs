@@ -14,7 +14,15 @@ use std::process::ExitCode;
 /// Results go to stdout, progress and log to stderr. Exit codes: 0 done, 1 failed while running, 2 wrong
 /// usage or configuration.
 #[derive(Debug, Parser)]
-#[command(name = "bench", version, after_help = "Example: bench demo")]
+#[command(
+    name = "bench",
+    after_help = "\
+Examples:
+  # The service and a simulated vehicle, a table and a plot
+  bench demo
+  # A first look at the speed of this machine
+  bench step --quick"
+)]
 struct Arguments {
     #[command(subcommand)]
     command: Task,
@@ -27,40 +35,64 @@ enum Task {
     #[command(after_help = demo::after_help())]
     Demo(demo::DemoArguments),
     /// Latency of a whole step as the number of kernel centers grows.
-    #[command(after_help = "Example: bench step --centers 27,125,343 --plot step.png")]
+    #[command(after_help = "\
+Examples:
+  # Within 20 s
+  bench step --quick
+  bench step --centers 27,125,343 --plot step.png")]
     Step(step::StepArguments),
     /// A round trip through the service beside one through bare shared memory, and both one-way times.
-    #[command(
-        after_help = "Examples:\n  bench ipc\n  bench ipc --pause-us 0 --preset paper-translation --json"
-    )]
+    #[command(after_help = "\
+Examples:
+  bench ipc
+  # At the pace of a vehicle instead of back to back
+  bench ipc --pause-us 1000 --samples 10000
+  bench ipc --preset paper-translation --json")]
     Ipc(ipc::IpcArguments),
     /// A sample's stamp to the estimate in the reader's hands, by trigger and rate.
-    #[command(
-        after_help = "Examples:\n  bench service\n  bench service --rates-hz 500 --triggers sample --plot service.svg"
-    )]
+    #[command(after_help = "\
+Examples:
+  bench service
+  bench service --rates-hz 500 --triggers sample --plot service.svg")]
     Service(service::ServiceArguments),
     /// How late the service's cycle wakes up, beside cyclictest at the same rate and priority.
-    #[command(after_help = "Examples:\n  bench jitter\n  bench jitter --rates-hz 1000 --seconds 60")]
+    #[command(after_help = "\
+Examples:
+  # Run it as root, or with the right to SCHED_FIFO, to see all modes
+  bench jitter
+  bench jitter --rates-hz 1000 --seconds 60")]
     Jitter(jitter::JitterArguments),
     /// What further readers of one service, and further vehicles on one machine, cost.
-    #[command(after_help = "Examples:\n  bench load\n  bench load --instances 1,2 --readers 1,16 --json")]
+    #[command(after_help = "\
+Examples:
+  bench load
+  bench load --instances 1,2 --readers 1,16 --json")]
     Load(load::LoadArguments),
     /// A long run beside processes that want all of the machine: what is lost is counted, and memory does not grow.
-    #[command(
-        after_help = "Examples:\n  bench soak --seconds 60\n  bench soak --service=--require-real-time"
-    )]
+    #[command(after_help = "\
+Examples:
+  bench soak --seconds 60
+  # With a further argument of daemon run
+  bench soak --service=--require-real-time")]
     Soak(soak::SoakArguments),
     /// The paper's examples, run exactly and deterministically: a table, the figures, and the errors; every number of
     /// the paper is an option.
-    #[command(
-        after_help = "Examples:\n  bench paper --scenario translation\n  bench paper --scenario translation --dead-zone saturated --adaptation-rate 100\n  bench paper --scenario rotation --dead-zone saturated --width 0.02"
-    )]
+    #[command(after_help = "\
+Examples:
+  # At the paper's own numbers
+  bench paper --scenario translation
+  # At others
+  bench paper --scenario rotation --dead-zone saturated --width 0.02")]
     Paper(paper::PaperArguments),
     /// Accuracy on a recorded flight, beside a Kalman filter; offline. Or: whether a flight record replays to the bit.
-    #[command(
-        after_help = "Examples:\n  bench replay --format acsl log_20240613_121802.log --plot coasts.png\n  bench replay --format csv flight.csv --config vehicle.toml --coast-s 2
-  bench replay --check flight.rec"
-    )]
+    #[command(after_help = "\
+Examples:
+  bench replay --format acsl log_20240613_121802.log --plot coasts.png
+  # A table of your own, and two seconds without measurements
+  bench replay --format csv flight.csv --config vehicle.toml \\
+      --coast-s 2
+  # What daemon run --record wrote
+  bench replay --check flight.rec")]
     Replay(replay::ReplayArguments),
     /// A configuration for a recorded flight: gain, adaptation rate, length scale, dead zone and centers, searched on its
     /// first half and judged on its second.
@@ -88,12 +120,9 @@ pub fn main_with_args(args: impl IntoIterator<Item = OsString>) -> ExitCode {
         Some("burn") => return finish(soak::burn()),
         _ => {}
     }
-    let arguments = match Arguments::try_parse_from(args) {
+    let arguments = match command_line::parse::<Arguments>(args) {
         Ok(arguments) => arguments,
-        Err(error) => {
-            let _ = error.print();
-            return ExitCode::from(error.exit_code() as u8);
-        }
+        Err(code) => return code,
     };
     finish(match &arguments.command {
         Task::Demo(arguments) => demo::run(arguments),
@@ -118,5 +147,15 @@ fn finish(done: anyhow::Result<()>) -> ExitCode {
                 error.is::<ConfigError>() || error.is::<paper::UsageError>() || error.is::<FaultError>();
             ExitCode::from(if is_usage { 2 } else { 1 })
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_help_ends_in_examples_that_are_accepted() {
+        assert_eq!(command_line::faults_of_help::<Arguments>(), Vec::<String>::new());
     }
 }

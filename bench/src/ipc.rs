@@ -9,7 +9,9 @@
 //!
 //! Both sides of both ways copy the payloads out of shared memory, as anyone does who uses them.
 //! Whoever is not measured is stopped (SIGSTOP): it does not compete for the core of the other.
+//! Then the calls of the C client beside those of the Rust client that it wraps.
 
+use crate::c_client::{self, Comparison};
 use crate::exchange::{Exchange, MovingVehicle, Reply, ServiceExchange, Trip, connect, round_trip};
 use crate::latency::{HEADER, cells, summary, table, three_digits};
 use crate::machine::Machine;
@@ -72,10 +74,15 @@ pub fn run(arguments: &IpcArguments) -> anyhow::Result<()> {
     let report = match machine.other_core() {
         Ok(core) => {
             let n_samples = if arguments.quick { 5000 } else { arguments.samples as usize };
-            let (service, bare) = measure(arguments, n_samples, core, &|| stop.load(Ordering::Relaxed))?;
-            Report::of(&machine, arguments, Ok((core, service, bare)))
+            let stopped = || stop.load(Ordering::Relaxed);
+            let (service, bare) = measure(arguments, n_samples, core, &stopped)?;
+            let clients = compare_clients(n_samples, core, &stopped);
+            Report::of(&machine, arguments, Ok((core, service, bare)), clients)
         }
-        Err(error) => Report::of(&machine, arguments, Err(error)),
+        Err(error) => {
+            let reason = format!("{error:#}");
+            Report::of(&machine, arguments, Err(error), Err(anyhow!(reason)))
+        }
     };
     match arguments.json {
         true => outln!("{}", serde_json::to_string_pretty(&report)?),
@@ -196,6 +203,16 @@ fn measure(
     Ok(times)
 }
 
+/// With an echo of their own, so that their ports cost the round trips above nothing.
+fn compare_clients(n_samples: usize, core: usize, stopped: &dyn Fn() -> bool) -> anyhow::Result<Comparison> {
+    let domain = OwnDomain::new("ipc")?;
+    let echo = Child::start_on(&domain, &["echo"], &[core])?;
+    let compared = c_client::compare(&domain, BARE, n_samples, stopped).with_context(|| echo.log());
+    echo.terminate();
+    echo.finish()?;
+    compared
+}
+
 /// iceoryx2's ports and nothing else.
 struct BareExchange {
     samples: Publisher<ipc::Service, Measurement, ()>,
@@ -312,6 +329,9 @@ struct Report<'a> {
     bare_ns_reason: Option<String>,
     service_one_way: OneWay,
     bare_one_way: OneWay,
+    client_calls: Option<Comparison>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    client_calls_reason: Option<String>,
 }
 
 /// The parts of a round trip; null where the round trip is.
@@ -337,7 +357,12 @@ impl<'a> Report<'a> {
         machine: &'a Machine,
         arguments: &'a IpcArguments,
         measured: anyhow::Result<(usize, Times, Times)>,
+        clients: anyhow::Result<Comparison>,
     ) -> Self {
+        let (client_calls, client_calls_reason) = match clients {
+            Ok(comparison) => (Some(comparison), None),
+            Err(error) => (None, Some(format!("{error:#}"))),
+        };
         let (other_core, (mut service, mut bare), reason) = match measured {
             Ok((core, service, bare)) => {
                 (Some(core), (service, bare), "stopped before the first batch".into())
@@ -360,6 +385,8 @@ impl<'a> Report<'a> {
             bare_ns,
             service_one_way: OneWay::of(&mut service),
             bare_one_way: OneWay::of(&mut bare),
+            client_calls,
+            client_calls_reason,
         }
     }
 
@@ -390,5 +417,28 @@ impl<'a> Report<'a> {
         if let Some(ratio) = self.service_over_bare_median {
             outln!("median of the service's round trip over the bare one: {}", three_digits(ratio));
         }
+        self.print_client_calls();
+    }
+
+    fn print_client_calls(&self) {
+        let Some(Comparison { clock_ns, calls }) = &self.client_calls else {
+            outln!(
+                "clients not compared: {}",
+                self.client_calls_reason.as_deref().unwrap_or("unknown reason")
+            );
+            return;
+        };
+        outln!(
+            "one call of the Rust client, and of the C client that wraps it; each with {clock_ns} ns of the clock"
+        );
+        let rows = calls.iter().flat_map(|call| {
+            let row = |client, summary, ratio| {
+                [vec![format!("{}: {client}", call.call)], cells(Some(summary)).to_vec(), vec![ratio]]
+                    .concat()
+            };
+            let ratio = three_digits(call.c_over_rust_median);
+            [row("Rust", call.rust_ns, String::new()), row("C", call.c_ns, ratio)]
+        });
+        outln!("{}", table(&[["µs"].as_slice(), &HEADER, &["C over Rust"]].concat(), 1, rows));
     }
 }

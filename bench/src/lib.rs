@@ -15,12 +15,14 @@
 //! | `accuracy`, `flight` | | how well an estimator predicts a recorded flight |
 //! | [`kalman`] | | that filter |
 //! | [`plot`] | | figures |
+//! | `c_client` | | calls of the C client beside those of the Rust client, for `bench ipc` |
 //! | `latency` | | quantiles and histograms |
 //! | `exchange` | | the vehicle's side of a measured exchange of samples and estimates |
 //! | `processes` | | the programs as processes in a domain of their own |
 //! | `machine` | | what machine the figures are of |
 
 mod accuracy;
+mod c_client;
 mod check;
 pub mod cli;
 pub mod demo;

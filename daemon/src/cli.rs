@@ -3,7 +3,7 @@
 //! stdout carries results, stderr the log. Exit codes: 0 done, 1 failed while running, 2 wrong usage or
 //! configuration.
 
-use crate::config::{ConfigError, ConfigFile, PRESETS};
+use crate::config::{ConfigError, ConfigFile, PRESETS, reference};
 use crate::realtime::settings::{self, OffTheLoop};
 use crate::snapshot::{Snapshot, SnapshotError};
 use crate::{Service, ServiceFiles, StartError, check, doctor, say, service_manager, snapshot};
@@ -29,7 +29,16 @@ pub(crate) const STATE_VARIABLE: &str = "OBSERVER_STATE";
 /// Reads measurements from shared memory at a fixed rate, writes position, velocity, attitude, angular
 /// velocity and the learned unknown force and torque back.
 #[derive(Debug, Parser)]
-#[command(name = "daemon", version, after_help = "Example: daemon run --preset rigid-body")]
+#[command(
+    name = "daemon",
+    after_help = "\
+Examples:
+  # A multicopter's service; the simulator, or a vehicle, feeds it
+  daemon run --preset rigid-body
+  # A configuration to start from, and what is proven for it
+  daemon config --preset auv > vehicle.toml
+  daemon check --config vehicle.toml"
+)]
 struct Arguments {
     #[command(subcommand)]
     command: Task,
@@ -38,9 +47,14 @@ struct Arguments {
 #[derive(Debug, Subcommand)]
 enum Task {
     /// Run the service until SIGINT or SIGTERM.
-    #[command(
-        after_help = "Examples:\n  daemon run --preset auv --instance auv1\n  daemon run --config vehicle.toml"
-    )]
+    #[command(after_help = "\
+Examples:
+  # A second vehicle on this machine
+  daemon run --preset auv --instance auv1
+  # What flies: a core of its own, and no start without it
+  daemon run --config vehicle.toml --cores 2 --require-real-time
+  # Every sample and tick, to replay: bench replay --check flight.rec
+  daemon run --config vehicle.toml --record flight.rec")]
     Run {
         #[command(flatten)]
         design: DesignArguments,
@@ -52,23 +66,42 @@ enum Task {
         files: FileArguments,
     },
     /// Look at a snapshot of what was learned.
+    #[command(after_help = SNAPSHOT_EXAMPLES)]
     Snapshot {
         #[command(subcommand)]
         task: SnapshotTask,
     },
     /// Print the effective configuration as commented TOML: a file to start from.
-    #[command(after_help = "Example: daemon config --preset rigid-body > vehicle.toml")]
+    #[command(after_help = "\
+Examples:
+  # A file to start from, each key with what it means
+  daemon config --preset rigid-body > vehicle.toml
+  # What a file means with all defaults; refused with its line if it is wrong
+  daemon config --config vehicle.toml")]
     Config {
         #[command(flatten)]
         design: DesignArguments,
+    },
+    /// Print what every key of a configuration means: type, unit, default, bounds, an example.
+    #[command(after_help = "\
+Examples:
+  daemon config-reference | less
+  # For an editor that knows TOML: the line #:schema PATH above a configuration
+  daemon config-reference --schema > configuration.schema.json")]
+    ConfigReference {
+        /// Print the JSON schema instead of the text.
+        #[arg(long)]
+        schema: bool,
     },
     /// Tell what is proven for a configuration, without starting anything.
     ///
     /// Controllability, observability, poles, strict positive realness, the error bounds of the theorems,
     /// the stability of the sampled law, the centers' cover and condition, and what would be better.
-    #[command(
-        after_help = "Examples:\n  daemon check --preset paper-translation\n  daemon check --config vehicle.toml --json"
-    )]
+    #[command(after_help = "\
+Examples:
+  # Exit code 2 if the service would refuse it
+  daemon check --config vehicle.toml
+  daemon check --preset paper-translation --json")]
     Check {
         /// Print one JSON document.
         #[arg(long)]
@@ -80,12 +113,22 @@ enum Task {
     ///
     /// How late threads wake up with each setting; scheduling rights, locked memory, cores, clock, kernel,
     /// shared memory, stale files: each with the command that would help. Needs no rights; changes nothing.
-    #[command(
-        after_help = "Examples:\n  daemon doctor\n  daemon doctor --preset rigid-body --json\n  daemon doctor --seconds 10 --priority 50"
-    )]
+    #[command(after_help = "\
+Examples:
+  daemon doctor
+  # Ten seconds for each setting, at another priority
+  daemon doctor --seconds 10 --priority 50
+  # The rate and the settings of a configuration
+  daemon doctor --config vehicle.toml --json")]
     Doctor(doctor::DoctorArguments),
     /// Talk to a running service.
-    #[command(after_help = "Examples:\n  daemon control status\n  daemon control freeze --instance auv1")]
+    #[command(after_help = "\
+Examples:
+  # What it did, how late it was, what the system granted
+  daemon control status
+  # Keep what was learned as it is, and write it down
+  daemon control freeze --instance auv1
+  daemon control save --instance auv1")]
     Control {
         /// What to do.
         action: ControlAction,
@@ -96,6 +139,11 @@ enum Task {
         place: PlaceArguments,
     },
 }
+
+const SNAPSHOT_EXAMPLES: &str = "\
+Examples:
+  daemon snapshot show ~/.local/state/observer/*vehicle.snapshot
+  daemon snapshot show vehicle.snapshot --json";
 
 #[derive(Debug, Args)]
 struct DesignArguments {
@@ -113,6 +161,7 @@ struct DesignArguments {
 #[derive(Debug, Subcommand)]
 enum SnapshotTask {
     /// Print what is inside.
+    #[command(after_help = SNAPSHOT_EXAMPLES)]
     Show {
         /// The snapshot.
         file: PathBuf,
@@ -221,17 +270,19 @@ enum ControlAction {
 
 /// Runs `daemon` with these arguments, the program's name first.
 pub fn main_with_args(args: impl IntoIterator<Item = OsString>) -> ExitCode {
-    let arguments = match Arguments::try_parse_from(args) {
+    let arguments = match command_line::parse::<Arguments>(args) {
         Ok(arguments) => arguments,
-        Err(error) => {
-            let _ = error.print();
-            return ExitCode::from(error.exit_code() as u8);
-        }
+        Err(code) => return code,
     };
     let done = match arguments.command {
         Task::Run { design, real_time, place, files } => run(&design, &real_time, &place, &files),
         Task::Snapshot { task: SnapshotTask::Show { file, json } } => show_snapshot(&file, json),
         Task::Config { design } => config(&design),
+        Task::ConfigReference { schema } => {
+            let text = if schema { reference::json_schema() } else { reference::markdown() };
+            outln!("{}", text.trim_end());
+            Ok(())
+        }
         Task::Check { json, design } => check(json, &design),
         Task::Doctor(arguments) => doctor::run(&arguments),
         Task::Control { action, json, place } => control(action, json, &place),
@@ -517,4 +568,14 @@ fn print_status(status: &Status) {
     latency("input age", &status.input_age_ns);
     latency("source to publish", &status.source_to_publish_ns);
     outln!("{latencies}");
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_help_ends_in_examples_that_are_accepted() {
+        assert_eq!(command_line::faults_of_help::<Arguments>(), Vec::<String>::new());
+    }
 }

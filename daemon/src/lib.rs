@@ -1,19 +1,20 @@
 //! The fixed-rate state-estimation service.
 //!
-//! ```text
-//! vehicle ──measurement──▶ gate ─▶ observer ─▶ estimate ──▶ anyone
-//!                            the loop thread, one tick
-//!                              │ ▲  wait-free rings
-//!                              ▼ │
-//! operator ◀──control,status── the attendant thread ─▶ log
-//!                              the saver thread ─▶ snapshot
-//!                              the recorder thread ─▶ flight record
-//! ```
+//! It runs beside the process of a flight or underwater vehicle. At a fixed rate it takes the vehicle's sensor samples from
+//! shared memory, and writes back position, velocity, attitude, angular velocity and the unknown force and torque, which it
+//! learns on line; at every tick it says how far it can be trusted.
+#![cfg_attr(doc, doc = concat!("<div>\n", include_str!("../../docs/architecture.svg"), "</div>\n"))]
+//!
+//! The mathematics is the crate [`observer`]. Most users need no more of this crate than its program; a vehicle's process
+//! depends on [`shared_types`], whose [`Client`](shared_types::Client) publishes samples and reads estimates. To embed the
+//! service in a program of your own: [`ConfigFile`] and [`Service`].
 //!
 //! | module | holds |
 //! |---|---|
 //! | [`config`] | TOML in, checked design out |
+//! | [`check`] | what is proven for a configuration |
 //! | [`gate`] | which samples are believed |
+//! | [`estimator`] | the observer of a configuration, of a rigid body or of a linear plant |
 //! | [`engine`] | all that decides an estimate, without clock and ports |
 //! | [`cycle`] | the tick |
 //! | [`ports`] | the iceoryx2 ports of the service |
@@ -25,6 +26,10 @@
 //! | [`doctor`] | what this machine grants, measured |
 //! | [`machine`] | facts that figures depend on |
 //! | [`cli`] | the command line |
+//!
+//! What it does for a multicopter in wind with a load that nobody told it of, beside the same observer without learning
+//! (`bench demo`):
+#![cfg_attr(doc, doc = concat!("<div style=\"overflow-x:auto\">\n", include_str!("../../docs/demo.svg"), "</div>\n"))]
 
 pub mod attendant;
 pub mod check;

@@ -280,8 +280,18 @@ impl<Payload: ZeroCopySend + Debug + Copy + 'static> Stream<Payload> {
     ///
     /// # Errors
     /// `Port` with iceoryx2's reason.
+    #[inline]
     pub fn take(&mut self) -> Result<Option<Payload>, ClientError> {
-        Ok(self.subscriber.receive().map_err(port_error("receive"))?.map(|sample| *sample))
+        self.take_by(|payload| *payload)
+    }
+
+    /// As [`Stream::take`], but `read` sees the message where it lies, and copies what it needs.
+    ///
+    /// # Errors
+    /// `Port` with iceoryx2's reason.
+    #[inline]
+    pub fn take_by<T>(&mut self, read: impl FnOnce(&Payload) -> T) -> Result<Option<T>, ClientError> {
+        Ok(self.subscriber.receive().map_err(port_error("receive"))?.map(|sample| read(&sample)))
     }
 
     /// Waits for the next message; looks every 50 µs.
@@ -315,10 +325,20 @@ impl<Payload: ZeroCopySend + Debug + Copy + 'static> Latest<Payload> {
     ///
     /// # Errors
     /// `Port` with iceoryx2's reason.
+    #[inline]
     pub fn peek(&mut self) -> Result<Option<Payload>, ClientError> {
+        Ok(self.newest()?.copied())
+    }
+
+    /// As [`Latest::peek`], without a copy.
+    ///
+    /// # Errors
+    /// `Port` with iceoryx2's reason.
+    #[inline]
+    pub fn newest(&mut self) -> Result<Option<&Payload>, ClientError> {
         while let Some(sample) = self.subscriber.receive().map_err(port_error("receive"))? {
             self.newest = Some(*sample);
         }
-        Ok(self.newest)
+        Ok(self.newest.as_ref())
     }
 }

@@ -201,6 +201,26 @@ impl Domain {
         }
     }
 
+    /// The living process that holds an instance name, whether it publishes or not; makes nothing.
+    ///
+    /// # Errors
+    /// As [`Domain::lock_for_making`].
+    pub fn instance_holder(&self, instance: &str) -> Result<Option<String>, DomainError> {
+        if !self.root.exists() {
+            return Ok(None);
+        }
+        // Under the domain's lock, so that a service which claims its name now does not meet our look at it.
+        let _making = self.lock_for_making()?;
+        let claim = self.root.join(format!("{instance}{CLAIM_SUFFIX}"));
+        let Some(mut file) = open_lock_file(&claim, false)? else { return Ok(None) };
+        if flock(&file, FlockOperation::NonBlockingLockExclusive).is_ok() {
+            return Ok(None);
+        }
+        let mut holder = String::new();
+        file.read_to_string(&mut holder).map_err(io_error("read", &claim))?;
+        Ok(Some(if holder.is_empty() { "unknown".into() } else { holder }))
+    }
+
     /// The locked file with our process id in it, or the process id of the holder.
     ///
     /// The last process of a domain removes its files: a lock on a removed file protects nothing, so the
@@ -410,8 +430,10 @@ impl Domain {
             });
         }
         // The lock is the first file made here and the last one removed: without it, nothing here is ours.
-        if files_where(&self.root, is_lock)?.is_empty()
-            && let Some(other) = files_where(&self.root, |_| true)?.first()
+        // So it is looked for after the others: another process may be making them just now, or removing them.
+        if let Some(other) = files_where(&self.root, |_| true)?.first()
+            && files_where(&self.root, is_lock)?.is_empty()
+            && other.exists()
         {
             return Err(DomainError::Root {
                 path: self.root.display().to_string(),
@@ -655,7 +677,10 @@ mod tests {
         let claim = domain.claim_instance("vehicle").unwrap();
         let error = domain.claim_instance("vehicle").unwrap_err().to_string();
         assert!(error.contains(&std::process::id().to_string()), "{error}");
+        assert_eq!(domain.instance_holder("vehicle").unwrap(), Some(std::process::id().to_string()));
+        assert_eq!(domain.instance_holder("other").unwrap(), None);
         drop(claim);
+        assert_eq!(domain.instance_holder("vehicle").unwrap(), None);
         domain.claim_instance("vehicle").unwrap();
     }
 

@@ -325,7 +325,7 @@ pub struct LatencySummary {
 
 /// Why a sample was rejected; the value is its index in [`Status::samples_rejected`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-#[repr(usize)]
+#[repr(C)]
 pub enum Rejection {
     /// A valid field is NaN or infinite.
     NotFinite,

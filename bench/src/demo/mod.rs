@@ -36,8 +36,13 @@ const PROGRESS_EVERY: Duration = Duration::from_millis(100);
 /// What `bench demo --help` ends with.
 pub(crate) fn after_help() -> String {
     format!(
-        "{}\n\nExamples:\n  bench demo\n  bench demo --scenario auv --duration 60 --outage 40:3\n  \
-         bench demo --faults 'spike@6:2,size=3; kill@11:0.5; service-stop@15:0.5'",
+        "{}\n\n\
+Examples:
+  bench demo
+  # An underwater vehicle whose Doppler log is silent for 3 s
+  bench demo --scenario auv --duration 60 --outage 40:3
+  # Spikes, then a service that stands still
+  bench demo --faults 'spike@6:2,size=3; service-stop@15:0.5'",
         fault_help()
     )
 }

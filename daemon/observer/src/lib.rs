@@ -8,6 +8,18 @@
 //! x̂' = A x̂ + L (y − C x̂) + B (u + f̂(y)),     f̂ = Σ_j 𝔎(ξ_j, ·) α̂_j,     α̂' = σ(‖ỹ‖) K⁻¹ k(y) (Γ_f ỹ)ᵀ
 //! ```
 //!
+//! | read | for |
+//! |---|---|
+//! | [`RigidBodyObserver`] | position, velocity, attitude, angular velocity and both unknown wrenches of a vehicle |
+//! | [`LinearObserver`] | any linear plant of your own A, B and C |
+//! | [`Channel`], [`Law`] | the law itself, to put the paper beside; [`LearnedFunction`] is f̂ |
+//! | [`Kernel`], [`Centers`], [`NativeSpace`] | the native space that f̂ is taken from |
+//! | [`DeadZone`], [`Plausibility`] | which errors are learned from, and which are believed |
+//! | [`DesignReport`], [`Certificate`], [`stability`] | what is proven for a design |
+//!
+//! What it does for a multicopter in wind with a load that nobody told it of:
+#![cfg_attr(doc, doc = concat!("<div style=\"overflow-x:auto\">\n", include_str!("../../../docs/demo.svg"), "</div>\n"))]
+//!
 //! There is no clock, no file and no shared memory here, and no allocation after construction: time comes
 //! in with the samples. [`RigidBodyObserver`] is what flight code uses; [`Channel`] is the law itself.
 //!

@@ -10,14 +10,18 @@ use observer::{
     InitialState, Kernel, LengthScale, LinearDesign, LinearObserver, LocalSolver, Parameter, Plausibility,
     RigidBodyObserver, RotationDesign, Solver, TranslationDesign,
 };
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
 mod keys;
 mod linear;
 mod real_time;
+pub mod reference;
+mod schema;
+mod words;
 
-use keys::{KEYS, comment, key_of};
+use keys::key_of;
 pub use linear::{LinearConfig, SquareMatrix};
 pub use real_time::RealTimeConfig;
 
@@ -49,7 +53,7 @@ pub struct ConfigError {
 }
 
 /// When the service steps.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum Trigger {
     /// At every tick of `rate_hz`.
@@ -60,7 +64,7 @@ pub enum Trigger {
 }
 
 /// What time it is for the estimate.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum Clock {
     /// CLOCK_MONOTONIC: the estimate is propagated from the newest sample to the tick.
@@ -71,7 +75,7 @@ pub enum Clock {
 }
 
 /// Which source wins where several publish.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum SourcePolicy {
     /// The one in use, until it has been silent for `takeover_after_s`.
@@ -82,64 +86,93 @@ pub enum SourcePolicy {
 }
 
 /// The whole configuration.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
+#[schemars(extend("anyOf" = [
+    { "required": ["translation"] },
+    { "required": ["rotation"] },
+    { "required": ["linear"] },
+]))]
 pub struct Config {
-    /// Ticks per second.
+    /// Ticks per second; each publishes one estimate.
+    ///
+    /// Not below the rate of the fastest sensor; more costs processor time, not accuracy, and shortens what a
+    /// controller waits. Also as --rate-hz.
+    #[schemars(range(min = 1.0, max = 10000.0), example = 200.0)]
     pub rate_hz: f64,
-    /// When the service steps.
+    /// When to step: "timer" at rate_hz, or "sample" as soon as one arrives (polls one core).
+    ///
+    /// Change it where microseconds between sample and estimate matter and a core is free for them.
     #[serde(default)]
     pub trigger: Trigger,
-    /// What time it is for the estimate.
+    /// Time of the estimate: "monotonic" (now), or "samples" (stamp of the newest sample; replay at another
+    /// speed).
+    ///
+    /// "monotonic" for everything that flies.
     #[serde(default)]
     pub clock: Clock,
-    /// The last part of every wait is spent polling the clock (µs).
+    /// The last microseconds of every wait are spent polling the clock: less lateness for more of a core.
+    ///
+    /// 200 takes most of the wake-up lateness away for 4 % of a core at 200 Hz; `bench jitter` measures both.
+    /// 0 never polls, and at most it is the period of rate_hz.
     #[serde(default)]
+    #[schemars(range(min = 0.0))]
     pub spin_us: f64,
-    /// Without a sample for this long the estimate says stale (s).
+    /// Without a sample for this long, the estimate's status says stale.
+    ///
+    /// As long as your controller may fly on a prediction. It is the status alone that changes: channels
+    /// coast much earlier.
     #[serde(default = "defaults::stale_after_s")]
+    #[schemars(extend("exclusiveMinimum" = 0.0))]
     pub stale_after_s: f64,
-    /// The state before the first sample.
+    /// The state before the first sample; what is missing is taken from the first measurement of it.
     #[serde(default, skip_serializing_if = "InitialConfig::is_empty")]
     pub initial: InitialConfig,
-    /// Which samples are believed.
+    /// Which samples are believed, and from which source.
     #[serde(default)]
     pub input: InputConfig,
-    /// What happens when the loop is late.
+    /// What happens when ticks end after their next deadline, so many in a row; 0 is never.
     #[serde(default)]
     pub deadline: DeadlineConfig,
     /// What is written down, so that nothing learned is lost.
     #[serde(default)]
     pub snapshot: SnapshotConfig,
-    /// What the loop asks of the system.
+    /// What the loop asks of the system, with `priority = 1 … 98` and `cores = [2]` too; what is refused is said,
+    /// and done without (daemon doctor).
     #[serde(default)]
     pub real_time: RealTimeConfig,
-    /// The translation channel.
+    /// Position, velocity and unknown force from measured velocity.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub translation: Option<TranslationConfig>,
-    /// The rotation channel.
+    /// Attitude, angular velocity and unknown torque from measured angular velocity.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub rotation: Option<RotationConfig>,
-    /// A general linear plant.
+    /// A general linear plant x' = A x + B (u + f(y)), y = C x, in units of its own.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub linear: Option<LinearConfig>,
 }
 
 /// The state before the first sample; what is missing is taken from the first measurement of it.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct InitialConfig {
-    /// Position, inertial (m).
+    /// Position, inertial.
+    ///
+    /// Set it where there are no position fixes; otherwise the dead-reckoned position starts from the origin.
     #[serde(skip_serializing_if = "Option::is_none")]
+    #[schemars(example = [0.0, 0.0, -10.0])]
     pub position_m: Option<[f64; 3]>,
-    /// Velocity, inertial (m/s).
+    /// Velocity, inertial.
     #[serde(skip_serializing_if = "Option::is_none")]
+    #[schemars(example = [0.0, 0.0, 0.0])]
     pub velocity_m_s: Option<[f64; 3]>,
     /// Attitude, unit quaternion, body to inertial.
     #[serde(skip_serializing_if = "Option::is_none")]
+    #[schemars(example = [1.0, 0.0, 0.0, 0.0])]
     pub attitude_wxyz: Option<[f64; 4]>,
-    /// Angular velocity, body axes (rad/s).
+    /// Angular velocity, body axes.
     #[serde(skip_serializing_if = "Option::is_none")]
+    #[schemars(example = [0.0, 0.0, 0.1])]
     pub angular_velocity_rad_s: Option<[f64; 3]>,
 }
 
@@ -150,56 +183,103 @@ impl InitialConfig {
 }
 
 /// Which samples are believed, and which source.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct InputConfig {
-    /// Largest plausible speed (m/s), of a measurement and of the estimate.
+    /// A faster measured velocity is rejected; a faster estimate is reset.
+    ///
+    /// Above what your vehicle can reach, wind included, but well below what a broken sensor says.
+    #[schemars(extend("exclusiveMinimum" = 0.0))]
     pub max_speed_m_s: f64,
-    /// Largest plausible angular rate (rad/s), of a measurement and of the estimate.
+    /// A faster measured rotation is rejected; a faster estimate is reset.
+    ///
+    /// Above what your vehicle can reach, below the range of the gyroscope.
+    #[schemars(extend("exclusiveMinimum" = 0.0))]
     pub max_angular_rate_rad_s: f64,
-    /// Largest plausible distance from the origin (m), of a measurement and of the estimate.
+    /// A position further from the origin is rejected; such an estimate is reset.
+    #[schemars(extend("exclusiveMinimum" = 0.0))]
     pub max_position_m: f64,
-    /// Largest plausible commanded force (N).
+    /// A larger commanded force is rejected.
+    #[schemars(extend("exclusiveMinimum" = 0.0))]
     pub max_force_n: f64,
-    /// Largest plausible commanded torque (N·m).
+    /// A larger commanded torque is rejected.
+    #[schemars(extend("exclusiveMinimum" = 0.0))]
     pub max_torque_n_m: f64,
-    /// Largest plausible learned force (N).
+    /// A larger learned force is not believed: the translation is reset to its last good copy.
+    ///
+    /// A few times the largest disturbance that you expect, its weight say: it is what stops a diverging
+    /// learner.
+    #[schemars(extend("exclusiveMinimum" = 0.0))]
     pub max_unknown_force_n: f64,
-    /// Largest plausible learned torque (N·m).
+    /// A larger learned torque is not believed: the rotation is reset to its last good copy.
+    ///
+    /// A few times the largest torque that you expect.
+    #[schemars(extend("exclusiveMinimum" = 0.0))]
     pub max_unknown_torque_n_m: f64,
-    /// Largest plausible entry of a linear plant's output.
+    /// An output of the linear plant with a larger entry is rejected.
+    #[schemars(extend("exclusiveMinimum" = 0.0))]
     pub max_output: f64,
-    /// Largest plausible entry of a linear plant's commanded or learned input.
+    /// A commanded input of the linear plant with a larger entry is rejected; a learned one is reset.
+    #[schemars(extend("exclusiveMinimum" = 0.0))]
     pub max_input: f64,
-    /// Largest plausible entry of a linear plant's state.
+    /// A state of the linear plant with a larger entry is reset to its last good copy.
+    #[schemars(extend("exclusiveMinimum" = 0.0))]
     pub max_state: f64,
-    /// A stamp further ahead of the clock is rejected (s).
+    /// A stamp further ahead of the clock is rejected.
+    ///
+    /// Stamps are CLOCK_MONOTONIC of this machine: raise it only for sources whose clock is another one.
+    #[schemars(extend("exclusiveMinimum" = 0.0))]
     pub max_future_s: f64,
-    /// A stamp further behind the clock is rejected (s).
+    /// A stamp further behind the clock is rejected.
+    ///
+    /// More than the largest delay of your slowest sensor; replay with clock = "samples" does not look at it.
+    #[schemars(extend("exclusiveMinimum" = 0.0))]
     pub max_age_s: f64,
-    /// Which source wins where several publish.
+    /// Where several publish: "first" keeps the one in use, "newest" takes the one that appeared last.
+    ///
+    /// "newest" where a source is replaced on purpose while the old one still runs.
     pub source: SourcePolicy,
-    /// A source silent for this long may be replaced by another one (s).
+    /// A source silent for this long may be replaced by another one.
+    ///
+    /// Some periods of the source: shorter than the outage that your vehicle stands, longer than its jitter.
+    #[schemars(extend("exclusiveMinimum" = 0.0))]
     pub takeover_after_s: f64,
-    /// What happens to an output whose error stands out.
+    /// An output whose error stands out: "off" believes it, "adaptation" does not learn from it, "correction"
+    /// does not use it. What lasts longer than 10 holds is believed.
+    ///
+    /// "off" is the paper's observer. With "correction" a spike does not reach the estimate, and a real jump
+    /// does a few samples later.
+    #[schemars(with = "words::Doubt")]
     pub outliers: Doubt,
-    /// By which factor it has to.
+    /// It stands out if its error is this many times the dead zone's width plus the running scale of the
+    /// errors.
+    ///
+    /// Lower finds smaller spikes and doubts more honest outputs.
+    #[schemars(extend("exclusiveMinimum" = 0.0))]
     pub outlier_factor: f64,
-    /// What happens to the outputs of a sensor that is stuck.
+    /// A sensor that repeats one value to the bit is named, and its outputs: "off" are used, "adaptation" not
+    /// learned from, "correction" not used.
+    ///
+    /// "off" for sensors that are quantised so coarsely, or simulated so cleanly, that they repeat themselves
+    /// in truth.
+    #[schemars(with = "words::Doubt")]
     pub stuck: Doubt,
-    /// A sensor that repeats one value so often is stuck; 0 is never.
+    /// Repetitions of one value after which a sensor is stuck; 0 is never.
     pub stuck_after_samples: u64,
 }
 
 /// What happens when ticks end after their next deadline, so many in a row; 0 is never.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct DeadlineConfig {
-    /// The estimate says late.
+    /// So many late ticks in a row, and the estimate's status says late; 0 is never.
     pub warn_after_ticks: u64,
-    /// Samples are not used any more: predicting costs less.
+    /// So many late ticks in a row, and samples are not used any more, which costs less, until a tick is in
+    /// time again; 0 is never.
+    ///
+    /// A service that is late because its machine is overloaded gets back in time so.
     pub predict_only_after_ticks: u64,
-    /// The estimate says invalid.
+    /// So many late ticks in a row, and the estimate's status says invalid: not to be used; 0 is never.
     pub invalid_after_ticks: u64,
 }
 
@@ -210,12 +290,19 @@ impl Default for DeadlineConfig {
 }
 
 /// What is written down, so that nothing learned is lost.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct SnapshotConfig {
-    /// Time between two snapshots (s); 0 writes one on command and at the end only.
+    /// Time between two snapshots; 0 writes one on command and at the end only.
+    ///
+    /// What is lost at most when the machine loses power. The disk is written by a thread of its own.
+    #[schemars(range(min = 0.0, max = 1e9))]
     pub save_every_s: f64,
-    /// The state in a snapshot is gone on from where it is not older than this (s); what was learned always is.
+    /// After a restart the state in a snapshot is gone on from where it is not older than this; what was
+    /// learned always is.
+    ///
+    /// As long as your vehicle stays near where it was while the service is away.
+    #[schemars(range(min = 0.0, max = 1e9))]
     pub resume_state_within_s: f64,
 }
 
@@ -251,7 +338,7 @@ impl Default for InputConfig {
 }
 
 /// A symmetric matrix: a multiple of the identity, a diagonal, or all nine numbers.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(
     untagged,
     expecting = "expected a number, three numbers (a diagonal), or three rows of three numbers"
@@ -276,8 +363,9 @@ impl SymmetricMatrix {
 }
 
 /// The kernel κ by name: `sobolev-matern-K` with the order K, `gaussian`, `wendland-c2`, `wendland-c4`.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(try_from = "String", into = "String")]
+#[schemars(extend("pattern" = "^(sobolev-matern-[0-9]+|gaussian|wendland-c2|wendland-c4)$"))]
 pub enum KernelName {
     /// Sobolev–Matérn of order k.
     SobolevMatern(usize),
@@ -335,7 +423,7 @@ impl KernelName {
 }
 
 /// How the learned function is computed: by name, or with options.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(
     untagged,
     expecting = "expected \"auto\", \"dense\", \"local\", or a table { kind = \"local\", block = 6, accuracy = 1e-3, truncation = 1e-6 }"
@@ -348,7 +436,7 @@ pub enum SolverConfig {
 }
 
 /// The solver by name.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum SolverName {
     /// By the number of centers.
@@ -361,20 +449,26 @@ pub enum SolverName {
 }
 
 /// Options of the local solver.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct SolverOptions {
-    /// Which solver they are for.
+    /// "auto", "dense" or "local".
     #[serde(default)]
     pub kind: SolverName,
-    /// Centers along each axis of the block that f̂ is evaluated from.
+    /// Local: centers along each axis of the lattice block that is evaluated, an even number 4 … 12; default:
+    /// as accuracy needs.
     #[serde(skip_serializing_if = "Option::is_none")]
+    #[schemars(range(min = 4, max = 12), extend("multipleOf" = 2), example = 6)]
     pub block: Option<usize>,
-    /// Relative RMS error that the block is chosen for.
+    /// Local: the error that the block is chosen for, RMS relative to the learned function, for random
+    /// updates.
     #[serde(default = "defaults::local_accuracy")]
+    #[schemars(extend("exclusiveMinimum" = 0.0))]
     pub accuracy: f64,
-    /// An update ends where κ(r) falls below this multiple of κ(0).
+    /// Local: an update ends where the kernel falls below this multiple of its largest value; 0 never cuts
+    /// (Wendland kernels end by themselves).
     #[serde(default)]
+    #[schemars(range(min = 0.0), extend("exclusiveMaximum" = 1.0))]
     pub truncation: f64,
 }
 
@@ -401,7 +495,7 @@ impl SolverConfig {
 }
 
 /// A length scale: one number, or one per axis.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(untagged, expecting = "expected a number, or one number per axis")]
 pub enum LengthScaleConfig {
     /// The same along all axes.
@@ -420,7 +514,7 @@ impl LengthScaleConfig {
 }
 
 /// The shape of the dead zone σ.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum DeadZoneName {
     /// 0, then a smooth rise to 1 over the buffer.
@@ -433,7 +527,7 @@ pub enum DeadZoneName {
 }
 
 /// Who accounts for −ω × Iω.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum GyroscopicTorqueName {
     /// It is learned with the rest of the unknown torque.
@@ -444,132 +538,265 @@ pub enum GyroscopicTorqueName {
 }
 
 /// The translation channel.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
+#[schemars(extend("oneOf" = [
+    { "required": ["centers_lower_m_s", "centers_upper_m_s", "centers_per_axis"] },
+    { "required": ["centers_listed_m_s"] },
+]))]
 pub struct TranslationConfig {
-    /// m (kg), with the added mass of a vehicle under water.
+    /// Nominal mass; under water with the added mass.
+    ///
+    /// What it gets wrong is learned as a force.
+    #[schemars(extend("exclusiveMinimum" = 0.0), example = 2.0)]
     pub mass_kg: f64,
-    /// Gravity along the inertial axes (m/s²), where nothing else carries the weight.
+    /// Gravity along the inertial axes where the commanded force carries the weight; [0, 0, 9.81] with axes
+    /// north-east-down.
+    ///
+    /// Zero where the commanded force is net of weight, and for a vehicle that floats.
     #[serde(default)]
     pub gravity_m_s2: [f64; 3],
-    /// Another known constant force, inertial axes (N): buoyancy.
+    /// Another known constant force along the inertial axes, buoyancy say.
     #[serde(default)]
     pub known_force_n: [f64; 3],
-    /// Velocity measurements per second; default: `rate_hz`.
+    /// Velocity measurements per second (default rate_hz); each is held for 1.5 periods, then the channel
+    /// coasts.
     #[serde(skip_serializing_if = "Option::is_none")]
+    #[schemars(range(min = 0.01, max = 10000.0), example = 10.0)]
     pub sample_rate_hz: Option<f64>,
-    /// λ (1/s).
+    /// Observer gain λ: how fast the velocity estimate follows the measurement.
+    ///
+    /// Higher trusts the sensor more, and lets more of its noise through; a few times below the sample rate.
+    #[schemars(extend("exclusiveMinimum" = 0.0), example = 10.0)]
     pub gain_per_s: f64,
-    /// Γ_f (kg/s²).
+    /// Adaptation rate Γ_f, symmetric positive definite: a number, three numbers (diagonal) or 3 × 3.
+    ///
+    /// Higher learns faster and noisier. A rate that makes the sampled law unstable is refused with the
+    /// largest stable one.
+    #[schemars(example = 100.0)]
     pub adaptation_rate_kg_s2: SymmetricMatrix,
-    /// κ.
+    /// Kernel κ: "sobolev-matern-K" with its order K (the higher, the smoother what is learned), "gaussian",
+    /// "wendland-c2" or "wendland-c4".
     #[serde(default)]
     pub kernel: KernelName,
-    /// ℓ (m/s), one or one per axis.
+    /// Length scale ℓ of the kernel: speeds this far apart share what is learned. One number, or one per
+    /// axis.
+    ///
+    /// Once to twice the distance between centers, with Wendland kernels some times it; smaller resolves
+    /// finer detail and learns it more slowly.
+    #[schemars(example = 3.0)]
     pub length_scale_m_s: LengthScaleConfig,
-    /// Lower corner of the lattice of centers (m/s).
+    /// Lower corner of the lattice of kernel centers, in velocity.
+    ///
+    /// The box must hold the velocities that are flown: outside of it the learned function fades, and the
+    /// estimate says outside the centers. Needs the upper corner and the number per axis.
     #[serde(skip_serializing_if = "Option::is_none")]
+    #[schemars(example = [-4.0, -4.0, -2.0])]
     pub centers_lower_m_s: Option<[f64; 3]>,
-    /// Upper corner of the lattice of centers (m/s).
+    /// Upper corner of the lattice of kernel centers, in velocity.
     #[serde(skip_serializing_if = "Option::is_none")]
+    #[schemars(example = [4.0, 4.0, 2.0])]
     pub centers_upper_m_s: Option<[f64; 3]>,
     /// Centers along each axis of the lattice.
+    ///
+    /// Spacing of about half a length scale to one; the memory and the time per step grow with the product.
     #[serde(skip_serializing_if = "Option::is_none")]
+    #[schemars(example = [5, 5, 3])]
     pub centers_per_axis: Option<[usize; 3]>,
-    /// Centers one by one, instead of a lattice (m/s).
+    /// Centers one by one, instead of a lattice.
+    ///
+    /// For a flight envelope that is no box. No two may be equal.
     #[serde(skip_serializing_if = "Option::is_none")]
+    #[schemars(example = [[0.0, 0.0, 0.0], [2.0, 0.0, 0.0]])]
     pub centers_listed_m_s: Option<Vec<[f64; 3]>>,
-    /// Added to the Gram matrix's diagonal, as a multiple of κ(0).
+    /// Added to the Gram matrix's diagonal as a multiple of κ(0); 0 is the paper's law.
+    ///
+    /// 1e-8 or so where the Gram matrix is refused as not positive definite: centers that lie too close for
+    /// the length scale.
     #[serde(default)]
+    #[schemars(range(min = 0.0))]
     pub nugget: f64,
-    /// How the learned function is computed.
+    /// How the learned function is computed: "dense" from all centers, exact; "local" from those around the
+    /// output, with an error estimate in every estimate; "auto" by the number of centers. Or a table of
+    /// options.
+    ///
+    /// "auto" takes "dense" up to some 2000 centers; `daemon check` says which one you get, its error and its
+    /// memory.
     #[serde(default)]
     pub solver: SolverConfig,
-    /// Shape of σ.
+    /// Shape of the dead zone σ: "saturated", "quadratic" (the paper's, corrected) or "step" (Theorem 1;
+    /// ignores the buffer).
     #[serde(default)]
     pub dead_zone: DeadZoneName,
-    /// d (m/s).
+    /// Dead zone d: output errors up to this are taken for noise.
+    ///
+    /// Just above what the error is when nothing is to be learned: narrower learns noise, wider stops
+    /// learning early.
+    #[schemars(range(min = 0.0), example = 0.02)]
     pub dead_zone_width_m_s: f64,
-    /// ε (m/s).
+    /// Buffer ε over which the dead zone opens.
+    ///
+    /// About the width.
+    #[schemars(extend("exclusiveMinimum" = 0.0), example = 0.02)]
     pub dead_zone_buffer_m_s: f64,
-    /// δ̄: bound on the norm of the measurement error (m/s).
+    /// Bound δ̄ on the norm of the velocity measurement's error.
+    ///
+    /// It widens the error bounds that `daemon check` and every estimate tell, not the estimate.
+    #[schemars(range(min = 0.0), example = 0.06)]
     pub noise_bound_m_s: f64,
-    /// ξ̄: bound on the norm of the force that is no function of the velocity (N).
+    /// Bound ξ̄ on the force that is no function of the velocity (gusts); it widens the guarantees, not the
+    /// estimate.
     #[serde(default)]
+    #[schemars(range(min = 0.0))]
     pub unmatched_force_bound_n: f64,
-    /// r_f: bound on the native norm of the part of the unknown force that the centers cannot represent (N).
+    /// Bound r_f on the native norm of what the centers cannot represent of the unknown force; it widens the
+    /// guarantees.
     #[serde(default)]
+    #[schemars(range(min = 0.0))]
     pub residual_norm_bound_n: f64,
-    /// L_r, dimensionless.
+    /// Gain L_r of the velocity error into the position; 0 is dead reckoning.
+    ///
+    /// Dimensionless. Position is not observable from velocity: it changes where errors go, not that they
+    /// grow.
     #[serde(default)]
     pub velocity_error_to_position: f64,
-    /// L_p (1/s).
+    /// Gain L_p of position fixes; 0 uses only the first one.
+    ///
+    /// About one over the time in which a fix shall pull the position to itself.
     #[serde(default)]
+    #[schemars(range(min = 0.0))]
     pub position_fix_gain_per_s: f64,
-    /// How long a position fix keeps correcting (s).
+    /// How long a position fix keeps correcting.
+    ///
+    /// Between one and two periods of the fixes.
     #[serde(default = "defaults::fix_hold_s")]
+    #[schemars(range(min = 0.0))]
     pub position_fix_hold_s: f64,
 }
 
 /// The rotation channel.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
+#[schemars(extend("oneOf" = [
+    { "required": ["centers_lower_rad_s", "centers_upper_rad_s", "centers_per_axis"] },
+    { "required": ["centers_listed_rad_s"] },
+]))]
 pub struct RotationConfig {
-    /// I (kg·m²).
+    /// Nominal inertia, symmetric positive definite: a number, three numbers (diagonal) or 3 × 3.
+    ///
+    /// In body axes. What it gets wrong is learned as a torque.
+    #[schemars(example = [0.02, 0.02, 0.035])]
     pub inertia_kg_m2: SymmetricMatrix,
-    /// Who accounts for −ω × Iω.
+    /// −ω × Iω: "learned" with the rest (the paper), or "feedforward" from the estimate.
+    ///
+    /// "feedforward" for bodies that spin fast and whose inertia is known well.
     #[serde(default)]
     pub gyroscopic_torque: GyroscopicTorqueName,
-    /// Angular-velocity measurements per second; default: `rate_hz`.
+    /// Angular-velocity measurements per second (default rate_hz); each is held for 1.5 periods, then the
+    /// channel coasts.
     #[serde(skip_serializing_if = "Option::is_none")]
+    #[schemars(range(min = 0.01, max = 10000.0), example = 100.0)]
     pub sample_rate_hz: Option<f64>,
-    /// λ (1/s).
+    /// Observer gain λ: how fast the angular-velocity estimate follows the measurement.
+    ///
+    /// Higher trusts the sensor more, and lets more of its noise through; a few times below the sample rate.
+    #[schemars(extend("exclusiveMinimum" = 0.0), example = 40.0)]
     pub gain_per_s: f64,
-    /// Γ_f (N·m).
+    /// Adaptation rate Γ_f, symmetric positive definite: a number, three numbers (diagonal) or 3 × 3.
+    ///
+    /// Higher learns faster and noisier. A rate that makes the sampled law unstable is refused with the
+    /// largest stable one.
+    #[schemars(example = 1.0)]
     pub adaptation_rate_n_m: SymmetricMatrix,
-    /// κ.
+    /// Kernel κ: "sobolev-matern-K" with its order K (the higher, the smoother what is learned), "gaussian",
+    /// "wendland-c2" or "wendland-c4".
     #[serde(default)]
     pub kernel: KernelName,
-    /// ℓ (rad/s), one or one per axis.
+    /// Length scale ℓ of the kernel: rates this far apart share what is learned. One number, or one per axis.
+    ///
+    /// Once to twice the distance between centers, with Wendland kernels some times it; smaller resolves
+    /// finer detail and learns it more slowly.
+    #[schemars(example = 2.0)]
     pub length_scale_rad_s: LengthScaleConfig,
-    /// Lower corner of the lattice of centers (rad/s).
+    /// Lower corner of the lattice of kernel centers, in angular velocity.
+    ///
+    /// The box must hold the angular velocities that are flown: outside of it the learned function fades, and
+    /// the estimate says outside the centers. Needs the upper corner and the number per axis.
     #[serde(skip_serializing_if = "Option::is_none")]
+    #[schemars(example = [-2.0, -2.0, -1.0])]
     pub centers_lower_rad_s: Option<[f64; 3]>,
-    /// Upper corner of the lattice of centers (rad/s).
+    /// Upper corner of the lattice of kernel centers, in angular velocity.
     #[serde(skip_serializing_if = "Option::is_none")]
+    #[schemars(example = [2.0, 2.0, 1.0])]
     pub centers_upper_rad_s: Option<[f64; 3]>,
     /// Centers along each axis of the lattice.
+    ///
+    /// Spacing of about half a length scale to one; the memory and the time per step grow with the product.
     #[serde(skip_serializing_if = "Option::is_none")]
+    #[schemars(example = [3, 3, 3])]
     pub centers_per_axis: Option<[usize; 3]>,
-    /// Centers one by one, instead of a lattice (rad/s).
+    /// Centers one by one, instead of a lattice.
+    ///
+    /// For a flight envelope that is no box. No two may be equal.
     #[serde(skip_serializing_if = "Option::is_none")]
+    #[schemars(example = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]])]
     pub centers_listed_rad_s: Option<Vec<[f64; 3]>>,
-    /// Added to the Gram matrix's diagonal, as a multiple of κ(0).
+    /// Added to the Gram matrix's diagonal as a multiple of κ(0); 0 is the paper's law.
+    ///
+    /// 1e-8 or so where the Gram matrix is refused as not positive definite: centers that lie too close for
+    /// the length scale.
     #[serde(default)]
+    #[schemars(range(min = 0.0))]
     pub nugget: f64,
-    /// How the learned function is computed.
+    /// How the learned function is computed: "dense" from all centers, exact; "local" from those around the
+    /// output, with an error estimate in every estimate; "auto" by the number of centers. Or a table of
+    /// options.
+    ///
+    /// "auto" takes "dense" up to some 2000 centers; `daemon check` says which one you get, its error and its
+    /// memory.
     #[serde(default)]
     pub solver: SolverConfig,
-    /// Shape of σ.
+    /// Shape of the dead zone σ: "saturated", "quadratic" (the paper's, corrected) or "step" (Theorem 1;
+    /// ignores the buffer).
     #[serde(default)]
     pub dead_zone: DeadZoneName,
-    /// d (rad/s).
+    /// Dead zone d: output errors up to this are taken for noise.
+    ///
+    /// Just above what the error is when nothing is to be learned: narrower learns noise, wider stops
+    /// learning early.
+    #[schemars(range(min = 0.0), example = 0.01)]
     pub dead_zone_width_rad_s: f64,
-    /// ε (rad/s).
+    /// Buffer ε over which the dead zone opens.
+    ///
+    /// About the width.
+    #[schemars(extend("exclusiveMinimum" = 0.0), example = 0.01)]
     pub dead_zone_buffer_rad_s: f64,
-    /// δ̄: bound on the norm of the measurement error (rad/s).
+    /// Bound δ̄ on the norm of the angular-velocity measurement's error.
+    ///
+    /// It widens the error bounds that `daemon check` and every estimate tell, not the estimate.
+    #[schemars(range(min = 0.0), example = 0.015)]
     pub noise_bound_rad_s: f64,
-    /// ξ̄: bound on the norm of the torque that is no function of the angular velocity (N·m).
+    /// Bound ξ̄ on the torque that is no function of the angular velocity; it widens the guarantees, not the
+    /// estimate.
     #[serde(default)]
+    #[schemars(range(min = 0.0))]
     pub unmatched_torque_bound_n_m: f64,
-    /// r_f: bound on the native norm of the part of the unknown torque that the centers cannot represent (N·m).
+    /// Bound r_f on the native norm of what the centers cannot represent of the unknown torque; it widens the
+    /// guarantees.
     #[serde(default)]
+    #[schemars(range(min = 0.0))]
     pub residual_norm_bound_n_m: f64,
-    /// L_q (1/s).
+    /// Gain L_q of attitude fixes; 0 uses only the first one.
+    ///
+    /// About one over the time in which a fix shall pull the attitude to itself.
     #[serde(default)]
+    #[schemars(range(min = 0.0))]
     pub attitude_fix_gain_per_s: f64,
-    /// How long an attitude fix keeps correcting (s).
+    /// How long an attitude fix keeps correcting.
+    ///
+    /// Between one and two periods of the fixes.
     #[serde(default = "defaults::fix_hold_s")]
+    #[schemars(range(min = 0.0))]
     pub attitude_fix_hold_s: f64,
 }
 
@@ -876,6 +1103,11 @@ impl ConfigFile {
     /// The effective configuration, defaults included, as TOML with a comment on every key.
     pub fn commented_toml(&self) -> String {
         let text = toml::to_string(&self.config).expect("a configuration is a TOML document");
+        let schema = schema::schema();
+        let comment = |key: &str| match schema::find(&schema, key).and_then(schema::meaning) {
+            Some(meaning) => format!("# {meaning}\n"),
+            None => String::new(),
+        };
         let mut commented = format!("# Effective configuration of {}.\n", self.source.name);
         let mut table = String::new();
         for line in text.lines() {
@@ -933,8 +1165,11 @@ fn with_suggestion(message: &str) -> String {
             message.to_owned() + &hint.unwrap_or_default()
         }
         Some((missing, _)) if message.starts_with("missing field") => {
-            let note = KEYS.iter().find(|(key, _)| key.rsplit('.').next() == Some(missing));
-            message.to_owned() + &note.map(|(_, text)| format!(": {text}")).unwrap_or_default()
+            let schema = schema::schema();
+            let tables = ["", "translation.", "rotation.", "linear."];
+            let note = tables.iter().find_map(|table| schema::find(&schema, &format!("{table}{missing}")));
+            message.to_owned()
+                + &note.and_then(schema::meaning).map(|text| format!(": {text}")).unwrap_or_default()
         }
         _ => message.into(),
     }

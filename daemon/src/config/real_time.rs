@@ -1,6 +1,7 @@
 //! `[real_time]`: what the service's loop asks of the system, and the combinations that would do harm.
 
 use super::{ConfigError, ConfigFile, Trigger};
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 /// Priority 99 is that of the kernel's own watchdog and migration threads.
@@ -9,20 +10,33 @@ const HIGHEST_PRIORITY: u8 = 98;
 const LARGEST_SHARE_OF_THE_ONLY_CORE: f64 = 0.5;
 
 /// What the loop asks of the system; everything absent: it is scheduled like any other thread.
-#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct RealTimeConfig {
-    /// SCHED_FIFO with this priority, for the loop's thread alone.
+    /// SCHED_FIFO with this priority, 1 … 98, for the loop's thread alone; absent: scheduled like any other.
+    ///
+    /// Needs CAP_SYS_NICE or RLIMIT_RTPRIO. 80 is above interrupt threads (50) and ordinary tasks.
     #[serde(skip_serializing_if = "Option::is_none")]
+    #[schemars(range(min = 1, max = 98), example = 80)]
     pub priority: Option<u8>,
-    /// The cores of the loop's thread; the others stay off them where they can.
+    /// Cores of the loop's thread, as `[2]`; the service's other threads stay off them. Absent: all.
+    ///
+    /// A core that nothing else uses (isolcpus, or CPUAffinity of the others) gives the least lateness.
     #[serde(skip_serializing_if = "Option::is_none")]
+    #[schemars(length(min = 1), extend("uniqueItems" = true), example = [2])]
     pub cores: Option<Vec<usize>>,
-    /// Whether all memory is locked.
+    /// Lock all memory, so that none is swapped out or mapped late.
+    ///
+    /// Needs CAP_IPC_LOCK or RLIMIT_MEMLOCK unlimited. Set it wherever a late tick costs something.
     pub lock_memory: bool,
-    /// Whether no core may enter an idle state that takes time to leave.
+    /// No core of the machine enters an idle state that takes time to leave; costs power.
+    ///
+    /// Set it where wake-up lateness of some 10 µs to 100 µs matters more than power; needs
+    /// /dev/cpu_dma_latency.
     pub awake_cores: bool,
-    /// Whether the service refuses to start when something of this is refused.
+    /// Refuse to start when something of this is refused (as --require-real-time).
+    ///
+    /// For vehicles that must not fly without.
     pub required: bool,
 }
 

@@ -259,8 +259,8 @@ mod tests {
             std::thread::spawn(measure).join().unwrap()
         };
         let (without, with) = (faults(false), faults(true));
-        // 512 kB are 128 pages.
-        assert!(without > 100 && with < 10, "{without} faults without the reserve, {with} with it");
+        // 512 kB are 128 pages; what other tests' threads left mapped is used again.
+        assert!(without > with + 20 && with < 10, "{without} faults without the reserve, {with} with it");
     }
 
     #[test]

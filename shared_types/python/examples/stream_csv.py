@@ -3,8 +3,8 @@
     daemon run --preset rigid-body &
     python examples/stream_csv.py flight.csv estimates.csv
 
-Columns of the table, all SI; a quantity has all of its components or none: time_s; velocity_x, _y, _z (inertial, or
-body with --body-velocity); angular_velocity_x ...; position_x ...; attitude_w, _x, _y, _z; force_x ...; torque_x ...
+Columns of the table, all SI; a quantity has all of its components or none, and where its cells are empty nothing was
+measured: time_s; velocity_x, _y, _z (inertial, or body with --body-velocity) or body_velocity_x ...; angular_velocity_x ...; position_x ...; attitude_w, _x, _y, _z; force_x ...; torque_x ...
 """
 
 import argparse
@@ -16,6 +16,7 @@ from observer_client import ObserverError, Vehicle
 
 QUANTITIES = {
     "velocity_m_s": ["velocity_x", "velocity_y", "velocity_z"],
+    "body_velocity_m_s": ["body_velocity_x", "body_velocity_y", "body_velocity_z"],
     "angular_velocity_rad_s": ["angular_velocity_x", "angular_velocity_y", "angular_velocity_z"],
     "position_m": ["position_x", "position_y", "position_z"],
     "attitude_wxyz": ["attitude_w", "attitude_x", "attitude_y", "attitude_z"],
@@ -50,13 +51,15 @@ def read_table(path, is_body_velocity):
         rows = []
         for row in table:
             try:
-                values = {q: [float(row[column]) for column in needed] for q, needed in quantities.items()}
+                cells = {quantity: [row[column] for column in needed] for quantity, needed in quantities.items()}
+                values = {q: [float(cell) for cell in found] for q, found in cells.items() if any(found)}
                 time_s = float(row["time_s"])
             except (TypeError, ValueError) as cause:
                 raise ObserverError(f"{path}, line {table.line_num}: {cause}; needed: a number in each column") from cause
             if is_body_velocity and "velocity_m_s" in values:
                 values["body_velocity_m_s"] = values.pop("velocity_m_s")
-            rows.append((time_s, values))
+            if values:
+                rows.append((time_s, values))
     if not rows:
         raise ObserverError(f"{path} has no rows")
     return [(time_s - rows[0][0], values) for time_s, values in rows]

@@ -315,7 +315,10 @@ def test_a_slow_reader_loses_the_oldest_and_sees_the_gap(service, facts):
 
 def test_an_interrupt_ends_a_waiting_reader_and_nothing_else(service):
     program = (
+        "import signal\n"
         "from observer_client import Vehicle\n"
+        # A shell starts what it puts into the background with interrupts ignored, and Python leaves it so.
+        "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
         "with Vehicle(patience_s=20.0) as vehicle:\n"
         "    stream = vehicle.truths(timeout_s=None)\n"
         "    try:\n"

@@ -191,17 +191,17 @@ const KINDS: [Words; 16] = [
 /// What `--help` says about faults.
 pub fn help() -> String {
     let mut text = String::from(
-        "Faults: KIND@START:LENGTH[,field=FIELD][,key=value …], times in s after the start; several\n\
-         with ';' or the option again; or a TOML file of tables [[fault]] with the keys kind, start_s,\n\
-         length_s and those below:\n",
+        "Faults: KIND@START:LENGTH[,field=FIELD][,key=value …], times in s after the\n\
+         start; several with ';' or the option again; or a TOML file of tables\n\
+         [[fault]] with the keys kind, start_s, length_s and those below:\n",
     );
     for Words { example, does, .. } in &KINDS {
-        text.push_str(&format!("  {example:<31} {does}\n"));
+        text.push_str(&format!("  {example}\n      {does}\n"));
     }
     text.push_str(
-        "FIELD: velocity, angular-velocity, position, attitude or all [default: all; of spike, bias\n\
-         and drift: velocity]. size and per_s are norms in the field's unit, m/s, rad/s, m or rad (per\n\
-         second); numbers in [] are defaults.",
+        "FIELD: velocity, angular-velocity, position, attitude or all [default: all;\n\
+         of spike, bias and drift: velocity]. size and per_s are norms in the field's\n\
+         unit, m/s, rad/s, m or rad (per second); numbers in [] are defaults.",
     );
     text
 }

@@ -1,0 +1,93 @@
+//! Every command that a document names is one that its program understands. What README and tutorial run, CI runs; these
+//! are the others: in the text, in tables, in indented blocks.
+
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+const BENCH: &str = env!("CARGO_BIN_EXE_bench");
+
+fn documents() -> Vec<PathBuf> {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap();
+    let docs = std::fs::read_dir(root.join("docs")).unwrap().map(|entry| entry.unwrap().path());
+    let more = ["README.md", "fuzz/README.md"].map(|name| root.join(name));
+    docs.filter(|path| path.extension().is_some_and(|ending| ending == "md")).chain(more).collect()
+}
+
+/// What stands between backticks, and the lines of blocks.
+fn code(text: &str) -> Vec<String> {
+    let (mut found, mut fenced) = (Vec::new(), false);
+    // A command may go on in the next line.
+    for line in text.replace("\\\n", " ").lines() {
+        if line.starts_with("```") {
+            fenced = !fenced;
+        } else if fenced || line.starts_with("    ") {
+            found.push(line.trim().to_owned());
+        } else {
+            found.extend(line.split('`').skip(1).step_by(2).map(str::to_owned));
+        }
+    }
+    found
+}
+
+/// The words of a command of ours, its program first; `None` for other text.
+fn command(code: &str) -> Option<Vec<String>> {
+    let code = code.split(" # ").next()?.replace('…', " … ");
+    let mut words = shlex::split(&code)?;
+    let program = words.first()?.rsplit('/').next()?.to_owned();
+    if !["daemon", "sim_publisher", "bench"].contains(&program.as_str()) || words.len() < 2 {
+        return None;
+    }
+    words[0] = program;
+    words.iter_mut().filter(|word| *word == "NAME").for_each(|word| *word = "rigid-body".into());
+    // What the shell or the reader adds.
+    let ends = words.iter().position(|word| ["&", ">", "|", ";", "…", "2>"].contains(&word.as_str()));
+    if let Some(end) = ends {
+        words.truncate(end);
+        if words.last()?.starts_with("--") {
+            words.pop();
+        }
+    }
+    Some(words)
+}
+
+/// Every argument before `--help` is checked, and nothing is started.
+fn is_understood(words: &[String]) -> Result<(), String> {
+    let mut program = Command::new(BENCH);
+    // Our `bench` is the other two as well.
+    let arguments = if words[0] == "bench" { &words[1..] } else { words };
+    let output = program.args(arguments).arg("--help").output().unwrap();
+    if output.status.success() { Ok(()) } else { Err(String::from_utf8_lossy(&output.stderr).into_owned()) }
+}
+
+#[test]
+fn every_documented_command_is_understood() {
+    let (mut n_commands, mut faults) = (0, Vec::new());
+    for document in documents() {
+        let text = std::fs::read_to_string(&document).unwrap();
+        for words in code(&text).iter().filter_map(|code| command(code)) {
+            n_commands += 1;
+            if let Err(message) = is_understood(&words) {
+                faults.push(format!("{}: `{}`: {message}", document.display(), words.join(" ")));
+            }
+        }
+    }
+    assert!(faults.is_empty(), "{}", faults.join("\n"));
+    assert!(n_commands > 100, "{n_commands}");
+}
+
+#[test]
+fn a_command_that_is_not_is_found() {
+    let words = |line: &str| command(line).unwrap();
+    assert!(is_understood(&words("./target/release/daemon run --preset auv &")).is_ok());
+    assert!(is_understood(&words("bench demo --faults …")).is_ok());
+    for wrong in [
+        "daemon fly",
+        "daemon run --presett auv",
+        "bench step --centers many",
+        "sim_publisher run --rate-hz fast",
+    ] {
+        assert!(is_understood(&words(wrong)).is_err(), "{wrong}");
+    }
+    assert_eq!(command("daemon/observer"), None);
+    assert_eq!(command("cargo test"), None);
+}

@@ -1,0 +1,211 @@
+//! The examples at the end of every help: under the program's name, and accepted by the program.
+
+use crate::command;
+use clap::builder::StyledStr;
+use clap::{ArgMatches, Command, Parser};
+
+const HEADING: &str = "Examples:";
+/// Lines of a help must fit into a terminal of this width.
+const COLUMNS: usize = 80;
+
+/// The command with the name that it is installed under in the examples of all of its commands.
+pub(crate) fn named(command: Command, own_name: &str, name: &str) -> Command {
+    let renamed = command.get_after_help().map(|text| {
+        let (old, new) = (format!("\n  {own_name} "), format!("\n  {name} "));
+        StyledStr::from(text.to_string().replace(&old, &new))
+    });
+    let command = match renamed {
+        Some(text) => command.after_help(text),
+        None => command,
+    };
+    command.mut_subcommands(|command| named(command, own_name, name))
+}
+
+/// What is wrong with a program's help; empty if nothing is.
+///
+/// Every command and every option must have a text. Every command's help must end in a section `Examples:`, fit into
+/// 80 columns, and each example that begins with the program's name must be accepted by the program, as that command; at
+/// least one must be there. Lines of a shell around them and comments may stand between.
+pub fn faults_of_help<P: Parser>() -> Vec<String> {
+    // As long a name as it is installed under.
+    let name = format!("observer-{}", P::command().get_name());
+    let mut program = command::<P>(Some(&name)).term_width(COLUMNS).disable_help_subcommand(true);
+    program.build();
+    let mut faults = Vec::new();
+    collect(&command::<P>(Some(&name)), &program, &mut faults);
+    faults
+}
+
+fn collect(program: &Command, command: &Command, faults: &mut Vec<String>) {
+    let path = command.get_bin_name().unwrap_or(command.get_name()).to_owned();
+    let mut fault = |text: String| faults.push(format!("{path}: {text}"));
+    if command.get_about().is_none() {
+        fault("no description".into());
+    }
+    for argument in command.get_arguments().filter(|a| !a.is_hide_set() && a.get_help().is_none()) {
+        fault(format!("no text for {argument}"));
+    }
+    let help = command.get_after_help().map(ToString::to_string).unwrap_or_default();
+    let whole_help = command.clone().render_long_help().to_string();
+    // An example that is too long would be broken in two.
+    for line in whole_help.lines().chain(help.lines()) {
+        if line.chars().count() > COLUMNS {
+            fault(format!("wider than {COLUMNS} columns: {line}"));
+        }
+    }
+    let examples = examples(&help, program.get_name());
+    if examples.is_empty() {
+        fault(format!("its help does not end in a section '{HEADING}' with an example"));
+    }
+    for example in examples {
+        match shlex::split(&example) {
+            None => fault(format!("a quote is not closed: {example}")),
+            Some(words) => {
+                let words =
+                    words.into_iter().take_while(|word| !matches!(word.as_str(), ">" | "|" | "&" | "<"));
+                match program.clone().try_get_matches_from(words) {
+                    Err(error) => fault(format!("refuses its own example: {example}\n{error}")),
+                    Ok(matches) if !path_of(program, &matches).starts_with(&path) => {
+                        fault(format!("an example of another command: {example}"));
+                    }
+                    Ok(_) => {}
+                }
+            }
+        }
+    }
+    for command in command.get_subcommands().filter(|command| !command.is_hide_set()) {
+        collect(program, command, faults);
+    }
+}
+
+/// The program's own lines of the last section, each with its continuations.
+fn examples(help: &str, name: &str) -> Vec<String> {
+    let Some((before, section)) = help.rsplit_once(HEADING) else { return Vec::new() };
+    let begins_a_line = before.is_empty() || before.ends_with('\n');
+    let is_last = section.lines().skip(1).all(|line| line.is_empty() || line.starts_with("  "));
+    if !(begins_a_line && is_last) {
+        return Vec::new();
+    }
+    let section = section.replace("\\\n", " ");
+    let own =
+        |line: &&str| line.strip_prefix(name).is_some_and(|rest| rest.is_empty() || rest.starts_with(' '));
+    section.lines().map(str::trim).filter(own).map(str::to_owned).collect()
+}
+
+fn path_of(program: &Command, matches: &ArgMatches) -> String {
+    let mut path = program.get_name().to_owned();
+    let mut matches = matches;
+    while let Some((name, inner)) = matches.subcommand() {
+        path = format!("{path} {name}");
+        matches = inner;
+    }
+    path
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::{Args, Subcommand};
+
+    /// Tests.
+    #[derive(Debug, Parser)]
+    #[command(
+        name = "tool",
+        after_help = "Examples:\n  # Both\n  tool fly --speed 3 > log   # fast\n  tool land &"
+    )]
+    struct Good {
+        #[command(subcommand)]
+        task: Task,
+    }
+
+    #[derive(Debug, Subcommand)]
+    enum Task {
+        /// Flies.
+        #[command(after_help = "Notes:\n  a: b\n\nExamples:\n  tool fly \\\n    --speed '3'\n  kill %1")]
+        Fly {
+            /// How fast.
+            #[arg(long)]
+            speed: f64,
+        },
+        /// Lands.
+        #[command(after_help = "Examples:\n  tool land")]
+        Land,
+    }
+
+    #[test]
+    fn a_good_help_has_no_faults() {
+        assert_eq!(faults_of_help::<Good>(), Vec::<String>::new());
+    }
+
+    /// As `Good`, with this text after the help and this argument.
+    fn fault(after_help: &'static str) -> String {
+        #[derive(Debug, Parser)]
+        #[command(name = "tool", about = "Tests.")]
+        struct Spoiled {
+            #[command(flatten)]
+            speed: Speed,
+        }
+        #[derive(Debug, Args)]
+        struct Speed {
+            /// How fast.
+            #[arg(long)]
+            speed: Option<f64>,
+        }
+        let program = <Spoiled as clap::CommandFactory>::command().after_help(after_help).term_width(COLUMNS);
+        let mut faults = Vec::new();
+        collect(&program.clone(), &program, &mut faults);
+        faults.join("\n")
+    }
+
+    #[test]
+    fn each_kind_of_fault_is_found() {
+        assert_eq!(fault("Examples:\n  tool --speed 3"), "");
+        assert!(fault("").contains("does not end in a section"));
+        assert!(fault("Examples:\n  other 3").contains("does not end in a section"));
+        assert!(fault("Examples:\n  tool --speed 3\n\nNotes").contains("does not end in a section"));
+        assert!(fault("Examples:\n  tool --sped 3").contains("refuses its own example"));
+        assert!(fault("Examples:\n  tool --speed '3").contains("not closed"));
+        let wide = "Examples:\n  tool --speed 3.000000000000000000000000000000000000000000000000000000000000000000000000";
+        assert!(fault(wide).contains("wider than 80"));
+    }
+
+    #[test]
+    fn examples_of_other_commands_and_missing_texts_are_found() {
+        #[derive(Debug, Parser)]
+        #[command(name = "tool", after_help = "Examples:\n  tool land")]
+        struct Spoiled {
+            #[command(subcommand)]
+            task: Spoilt,
+        }
+        #[derive(Debug, Subcommand)]
+        enum Spoilt {
+            /// Flies.
+            #[command(after_help = "Examples:\n  tool land")]
+            Fly {
+                #[arg(long)]
+                speed: Option<f64>,
+            },
+            /// Lands.
+            #[command(after_help = "Examples:\n  tool land")]
+            Land,
+        }
+        let faults = faults_of_help::<Spoiled>().join("\n");
+        assert!(
+            faults.contains("observer-tool fly: an example of another command: observer-tool land"),
+            "{faults}"
+        );
+        assert!(
+            faults.contains("no text for --speed") && faults.contains("observer-tool: no description"),
+            "{faults}"
+        );
+    }
+
+    #[test]
+    fn the_help_goes_by_the_name_that_the_program_is_installed_as() {
+        let mut program = command::<Good>(Some("vehicle-tool"));
+        let help = program.render_help().to_string();
+        assert!(help.contains("  vehicle-tool fly --speed 3") && !help.contains(" tool"), "{help}");
+        let land = program.find_subcommand_mut("land").unwrap().render_help().to_string();
+        assert!(land.contains("  vehicle-tool land"), "{land}");
+    }
+}

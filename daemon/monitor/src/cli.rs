@@ -1,0 +1,240 @@
+//! The command line of `monitor`.
+//!
+//! stdout carries results, stderr the log. Exit codes: 0 done, 1 failed while running, 2 wrong usage.
+
+use crate::link::{Link, News};
+use crate::model::{Model, Presence};
+use crate::screen::{self, now};
+use crate::sections::text;
+use crate::theme::Theme;
+use anyhow::Context;
+use clap::Parser;
+use serde::Serialize;
+use shared_types::payload::status_bits;
+use shared_types::service::{ServiceError, check_instance_name};
+use shared_types::{Client, Domain, DomainError, Estimate, Status};
+use shared_types::{clock::monotonic_ns, logln};
+use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
+use std::ffi::OsString;
+use std::io::{ErrorKind, IsTerminal, Write, stdout};
+use std::path::PathBuf;
+use std::process::ExitCode;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
+
+/// A live view of the estimation service: state, learned force, trust, samples, latencies, in a terminal.
+///
+/// Reads shared memory like any other reader, and follows the service when it is started again.
+/// Needs a terminal of 80 × 24 for the whole view; ? shows the keys.
+#[derive(Debug, Parser)]
+#[command(
+    name = "monitor",
+    after_help = "\
+Colours: none if NO_COLOR is set.
+
+Examples:
+  # Another vehicle, over a slow link
+  monitor --instance auv1 --fps 1
+  # The status as text, once
+  monitor --once
+  # A hundred estimates for a script
+  monitor --json --count 100 > estimates.jsonl"
+)]
+struct Arguments {
+    /// Name of the vehicle
+    #[arg(long, value_name = "NAME", default_value = "vehicle")]
+    instance: String,
+    /// Root path of the shared-memory domain [default: /dev/shm/observer-UID]
+    #[arg(long, value_name = "PATH", env = shared_types::domain::ROOT_VARIABLE)]
+    root: Option<PathBuf>,
+    /// Pictures per second at most, 0.1 to 60: fewer on a slow link
+    #[arg(long, value_name = "HZ", default_value_t = 4.0, value_parser = parse_fps)]
+    fps: f64,
+    /// Print the status once as text; with --json as one document
+    #[arg(long)]
+    once: bool,
+    /// Print each estimate as a line of JSON: the fields of an Estimate, units in their names, and status_words;
+    /// null is a number that is not finite (no measurement yet, coasting)
+    #[arg(long)]
+    json: bool,
+    /// End after this many estimates
+    #[arg(long, value_name = "N", requires = "json", conflicts_with = "once")]
+    count: Option<u64>,
+}
+
+fn parse_fps(text: &str) -> Result<f64, String> {
+    match text.parse() {
+        Ok(fps) if (0.1..=60.0).contains(&fps) => Ok(fps),
+        _ => Err("needed: a number from 0.1 to 60".into()),
+    }
+}
+
+/// How long `--once` waits for an estimate and a status.
+const ONCE_PATIENCE: Duration = Duration::from_secs(5);
+/// Between two looks without a screen.
+const LOOK_EVERY: Duration = Duration::from_millis(2);
+/// Columns of the text of `--once`.
+const TEXT_WIDTH: usize = 100;
+
+/// Runs `monitor` with these arguments, the program's name first.
+pub fn main_with_args(args: impl IntoIterator<Item = OsString>) -> ExitCode {
+    let arguments: Arguments = match command_line::parse(args) {
+        Ok(arguments) => arguments,
+        Err(code) => return code,
+    };
+    match run(&arguments) {
+        Ok(()) => ExitCode::SUCCESS,
+        // The reader of our lines has what it wanted.
+        Err(error) if is_broken_pipe(&error) => ExitCode::SUCCESS,
+        Err(error) => {
+            logln!("monitor: {error:#}");
+            let wrong_usage = error.is::<DomainError>()
+                || error.is::<NoTerminal>()
+                || matches!(error.downcast_ref(), Some(ServiceError::InstanceName(_)));
+            ExitCode::from(if wrong_usage { 2 } else { 1 })
+        }
+    }
+}
+
+fn is_broken_pipe(error: &anyhow::Error) -> bool {
+    error.downcast_ref::<std::io::Error>().is_some_and(|error| error.kind() == ErrorKind::BrokenPipe)
+}
+
+#[derive(Debug, thiserror::Error)]
+#[error("{0}; needed: a terminal that places its cursor, or --once (text), or --json (a line per estimate)")]
+struct NoTerminal(&'static str);
+
+fn run(arguments: &Arguments) -> anyhow::Result<()> {
+    let domain = match &arguments.root {
+        Some(root) => Domain::at(root)?,
+        None => Domain::of_user()?,
+    };
+    check_instance_name(&arguments.instance)?;
+    let stop = Arc::new(AtomicBool::new(false));
+    // `--once` waits for seconds at most, and ends as any program does.
+    for signal in [SIGINT, SIGTERM, SIGHUP].into_iter().filter(|_| !arguments.once) {
+        // A second one ends the program at once: the first may wait for a terminal that takes nothing any more.
+        signal_hook::flag::register_conditional_default(signal, Arc::clone(&stop))
+            .and_then(|_| signal_hook::flag::register(signal, Arc::clone(&stop)))
+            .context("register signal handler")?;
+    }
+    match arguments {
+        Arguments { once: true, json, instance, .. } => once(&domain, instance, *json),
+        Arguments { json: true, count, instance, .. } => lines(&domain, instance, *count, &stop),
+        _ if !stdout().is_terminal() => Err(NoTerminal("the output is no terminal").into()),
+        _ if std::env::var_os("TERM").is_some_and(|term| term == "dumb") => {
+            Err(NoTerminal("TERM is 'dumb'").into())
+        }
+        Arguments { instance, fps, .. } => {
+            let no_colour = std::env::var_os("NO_COLOR").is_some_and(|value| !value.is_empty());
+            screen::run(&domain, instance, *fps, Theme { is_coloured: !no_colour }, &stop)
+        }
+    }
+}
+
+/// An estimate with its status in words.
+#[derive(Serialize)]
+struct EstimateLine<'a> {
+    status_words: Vec<&'static str>,
+    #[serde(flatten)]
+    estimate: &'a Estimate,
+}
+
+impl<'a> EstimateLine<'a> {
+    fn of(estimate: &'a Estimate) -> Self {
+        Self { status_words: status_bits::words(estimate.status), estimate }
+    }
+}
+
+#[derive(Serialize)]
+struct Document<'a> {
+    estimate: EstimateLine<'a>,
+    status: &'a Status,
+}
+
+fn once(domain: &Domain, instance: &str, json: bool) -> anyhow::Result<()> {
+    let mut model = Model::new(instance);
+    {
+        let client = Client::connect(domain, instance, ONCE_PATIENCE);
+        if client.is_err() {
+            // A domain that only this question has made is taken away again, if it can be.
+            let _ = domain.remove_if_unused();
+        }
+        let client = client?;
+        let mut statuses = client.status_subscriber()?;
+        let mut estimates = client.estimate_subscriber()?;
+        let asked_ns = monotonic_ns();
+        // What a dead service said last is older than the question.
+        let is_new = |stamp_ns: u64| stamp_ns + 1_000_000_000 > asked_ns;
+        while model.estimate.is_none() || model.status.is_none() {
+            let waited_s = (monotonic_ns() - asked_ns) as f64 / 1e9;
+            anyhow::ensure!(
+                waited_s < ONCE_PATIENCE.as_secs_f64(),
+                "no {} within {waited_s:.1} s; does the service run? (daemon control status)",
+                if model.estimate.is_none() { "estimate" } else { "status" },
+            );
+            while let Some(status) = statuses.take()?.filter(|status| is_new(status.stamp_ns)) {
+                model.note(News::Status(status));
+            }
+            while let Some(estimate) = estimates.take()?.filter(|estimate| is_new(estimate.publish_stamp_ns))
+            {
+                model.note(News::Estimate(estimate));
+            }
+            std::thread::sleep(LOOK_EVERY);
+        }
+    }
+    let printed = match (&model.estimate, &model.status) {
+        (Some(estimate), Some(status)) if json => {
+            serde_json::to_string_pretty(&Document { estimate: EstimateLine::of(estimate), status })?
+        }
+        _ => text(&model, now(), TEXT_WIDTH),
+    };
+    writeln!(stdout(), "{printed}")?;
+    Ok(())
+}
+
+fn lines(domain: &Domain, instance: &str, count: Option<u64>, stop: &AtomicBool) -> anyhow::Result<()> {
+    let mut link = Link::new(domain.clone(), instance, monotonic_ns());
+    let mut presence = Presence::Unknown;
+    let mut left = count.unwrap_or(u64::MAX);
+    while !stop.load(Ordering::Relaxed) && left > 0 {
+        let mut estimates = Vec::new();
+        let looked = link.look(monotonic_ns(), |news| match news {
+            News::Estimate(estimate) => estimates.push(estimate),
+            News::Away { since_ns, why } => {
+                if !matches!(presence, Presence::Away { .. }) {
+                    logln!("monitor: no estimate comes, waiting: {why}");
+                }
+                presence = Presence::Away { since_ns, why };
+            }
+            News::Status(_) | News::Truth(_) => {}
+        });
+        looked?;
+        if !estimates.is_empty() {
+            if matches!(presence, Presence::Away { .. }) {
+                logln!("monitor: estimates come");
+            }
+            presence = Presence::Here;
+        }
+        let mut out = stdout().lock();
+        for estimate in estimates.iter().take(usize::try_from(left).unwrap_or(usize::MAX)) {
+            serde_json::to_writer(&mut out, &EstimateLine::of(estimate)).map_err(std::io::Error::from)?;
+            writeln!(out)?;
+            left -= 1;
+        }
+        drop(out);
+        std::thread::sleep(LOOK_EVERY);
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_help_ends_in_examples_that_are_understood() {
+        assert_eq!(command_line::faults_of_help::<Arguments>(), Vec::<String>::new());
+    }
+}

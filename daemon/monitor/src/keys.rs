@@ -1,0 +1,73 @@
+//! What the keys do: the bottom line, which also asks and answers, and the help.
+
+use crate::draw::View;
+use crate::format::cut;
+use crate::model::Model;
+use crate::theme::Theme;
+use crate::words::Level;
+use ratatui::Frame;
+use ratatui::layout::Rect;
+use ratatui::text::Line;
+use ratatui::widgets::{Block, Clear, Paragraph};
+
+/// Draws the last line, with `more` among its keys, and the help where it is wanted.
+pub fn draw_bottom(frame: &mut Frame<'_>, model: &Model, view: &View, more: &str) {
+    let area = frame.area();
+    let bottom = Rect { y: area.bottom() - 1, height: 1, ..area };
+    frame.render_widget(bottom_line(model, view, more, usize::from(area.width)), bottom);
+    if view.shows_help {
+        draw_help(frame, view.theme);
+    }
+}
+
+fn bottom_line(model: &Model, view: &View, more: &str, width: usize) -> Line<'static> {
+    let theme = view.theme;
+    if view.asks_reset {
+        let question = " Forget the state and all that was learned? y: yes, any other key: no";
+        return Line::styled(format!("{question:<width$}"), theme.banner(Level::Alarm));
+    }
+    let freeze = if model.is_frozen() { "f learn again" } else { "f freeze" };
+    if let Some((level, verdict)) = &view.paused {
+        let answer = view.message.as_ref().map_or(String::new(), |(_, text)| format!("; {text}"));
+        let text = cut(&format!(" PAUSED, p goes on; now: {verdict}{answer}"), width);
+        return Line::styled(format!("{text:<width$}"), theme.banner(Level::Caution.max(*level)));
+    }
+    if let Some((level, text)) = &view.message {
+        return Line::styled(format!(" {}", cut(text, width.saturating_sub(1))), theme.word(*level));
+    }
+    let keys = format!(" q quit  p pause  s save  {freeze}  r reset{more}  ? help");
+    Line::styled(keys, theme.faint())
+}
+
+/// What keys do and columns mean.
+const HELP: &str = "\
+\x20q  quit (also Ctrl-C)            p  let the picture stand still, go on
+ s  write what was learned        f  freeze learning, learn again
+ r  forget state and learned      tab, 1, 2  the other part, where both
+ ?  this help; any key closes it     do not fit (body; linear plant)
+
+ error      size of the output error: measured minus estimated
+ bound      what it settles below, if daemon check says so; no covariance
+ σ          the dead zone's output; 0: within the noise, nothing learned
+ uncovered  0 %: at a center; 100 %: no center knows this motion
+ norm       of the learned function in its native space
+ solver     error of the learned force by the local solver, estimated
+ age        of the newest measurement of this channel
+
+ learned    the unknown force, torque or input, as found so far
+ learns: the dead zone is open    within: the error is within it
+ predicts: no measurement         frozen: by an operator
+ Pictures: a second per column, newest at the right; a blank is a gap.
+ ↑ ↓ top and bottom of a picture  r p y  roll, pitch, yaw
+ \"off the truth\": mean over 2 s, where a simulator tells the truth.";
+
+fn draw_help(frame: &mut Frame<'_>, theme: Theme) {
+    let area = frame.area();
+    let height = (HELP.lines().count() as u16 + 2).min(area.height);
+    let width = 78.min(area.width);
+    let place =
+        Rect { x: area.x + (area.width - width) / 2, y: area.y + (area.height - height) / 2, width, height };
+    frame.render_widget(Clear, place);
+    let block = Block::bordered().title(" help ").border_style(theme.title());
+    frame.render_widget(Paragraph::new(HELP).block(block), place);
+}

@@ -1,0 +1,174 @@
+//! One instance of the service, followed across its restarts.
+//!
+//! A service that was killed and started again is heard on the same ports, one that was stopped and continued too
+//! (found by trying). But whoever holds ports keeps their services in being, and so keeps away a service of another
+//! version: ports are given back soon after the last estimate, and opened anew until one comes again.
+
+use shared_types::client::Stream;
+use shared_types::{Client, ClientError, Domain, Estimate, Status, Truth};
+use std::time::Duration;
+
+/// Without an estimate for this long, or for [`SILENT_PERIODS`] of its own, the service is away (ns).
+const SILENCE_NS: u64 = 1_000_000_000;
+const SILENT_PERIODS: u64 = 5;
+/// From being away to giving back the ports, in which a stopped service may go on (ns).
+const GRACE_NS: u64 = 2_000_000_000;
+/// From one look for a service that is away to the next (ns).
+const RETRY_NS: u64 = 500_000_000;
+
+/// What a look has brought.
+#[derive(Debug, Clone, PartialEq)]
+#[allow(clippy::large_enum_variant)] // taken by value at once, never kept in numbers
+pub enum News {
+    /// An estimate, in the order of publication.
+    Estimate(Estimate),
+    /// What the service did since it started.
+    Status(Status),
+    /// The true state, where a simulator publishes it.
+    Truth(Truth),
+    /// No estimate comes.
+    Away {
+        /// CLOCK_MONOTONIC of the newest estimate, or of the first look (ns).
+        since_ns: u64,
+        /// What was found, and what to do.
+        why: String,
+    },
+}
+
+/// The ports, while they are open.
+struct Ports {
+    estimates: Stream<Estimate>,
+    statuses: Stream<Status>,
+    truths: Stream<Truth>,
+    // Dropped last: the others live in it.
+    _client: Client,
+    opened_ns: u64,
+}
+
+/// A reader of one instance. Stays on the thread that makes it.
+pub struct Link {
+    domain: Domain,
+    instance: String,
+    ports: Option<Ports>,
+    /// Publication of the newest estimate, or the first look.
+    newest_ns: u64,
+    /// Publication of the newest estimate alone.
+    told_ns: u64,
+    next_try_ns: u64,
+    next_inquiry_ns: u64,
+    silence_ns: u64,
+}
+
+impl Link {
+    /// A reader that has not looked yet.
+    pub fn new(domain: Domain, instance: &str, now_ns: u64) -> Self {
+        Self {
+            domain,
+            instance: instance.into(),
+            ports: None,
+            newest_ns: now_ns,
+            told_ns: 0,
+            next_try_ns: now_ns,
+            next_inquiry_ns: now_ns,
+            silence_ns: SILENCE_NS,
+        }
+    }
+
+    /// Takes what has come by now, and says at most twice a second that, and why, nothing comes.
+    ///
+    /// # Errors
+    /// `Service` where what exists will never fit, as long as it is there: another type, another owner. The next
+    /// look tries again.
+    pub fn look(&mut self, now_ns: u64, news: impl FnMut(News)) -> Result<(), ClientError> {
+        let looked = self.open_if_due(now_ns).and_then(|()| self.take(now_ns, news));
+        if looked.is_err() {
+            self.ports = None;
+        }
+        looked
+    }
+
+    fn take(&mut self, now_ns: u64, mut news: impl FnMut(News)) -> Result<(), ClientError> {
+        if let Some(ports) = &mut self.ports {
+            while let Some(status) = ports.statuses.take()? {
+                self.silence_ns = SILENCE_NS.max(SILENT_PERIODS * period_ns(&status));
+                news(News::Status(status));
+            }
+            while let Some(truth) = ports.truths.take()? {
+                news(News::Truth(truth));
+            }
+            while let Some(estimate) = ports.estimates.take()? {
+                // New ports are told the newest estimate once more, even that of a service long dead.
+                let is_old = estimate.publish_stamp_ns + self.silence_ns < ports.opened_ns;
+                if !is_old && estimate.publish_stamp_ns > self.told_ns {
+                    self.told_ns = estimate.publish_stamp_ns;
+                    self.newest_ns = self.newest_ns.max(self.told_ns);
+                    news(News::Estimate(estimate));
+                }
+            }
+        }
+        let silent_ns = now_ns.saturating_sub(self.newest_ns);
+        if silent_ns > self.silence_ns && now_ns >= self.next_inquiry_ns {
+            self.next_inquiry_ns = now_ns + RETRY_NS;
+            news(News::Away { since_ns: self.newest_ns, why: self.why()? });
+        }
+        let grace_ns = self.silence_ns + GRACE_NS;
+        let opened_ns = self.ports.as_ref().map_or(0, |ports| ports.opened_ns);
+        if silent_ns > grace_ns && now_ns.saturating_sub(opened_ns) > grace_ns {
+            self.ports = None;
+        }
+        Ok(())
+    }
+
+    fn open_if_due(&mut self, now_ns: u64) -> Result<(), ClientError> {
+        if self.ports.is_some() || now_ns < self.next_try_ns {
+            return Ok(());
+        }
+        self.next_try_ns = now_ns + RETRY_NS;
+        // Looking for a service makes no domain.
+        if !self.domain.root().exists() {
+            return Ok(());
+        }
+        match self.open(now_ns) {
+            Ok(ports) => self.ports = Some(ports),
+            Err(ClientError::NoDaemon { .. }) => {}
+            Err(error) => return Err(error),
+        }
+        Ok(())
+    }
+
+    fn open(&self, opened_ns: u64) -> Result<Ports, ClientError> {
+        let client = Client::connect(&self.domain, &self.instance, Duration::ZERO)?;
+        Ok(Ports {
+            statuses: client.status_subscriber()?,
+            truths: client.truth_subscriber()?,
+            estimates: client.estimate_subscriber()?,
+            _client: client,
+            opened_ns,
+        })
+    }
+
+    fn why(&self) -> Result<String, ClientError> {
+        Ok(match self.domain.instance_holder(&self.instance)? {
+            Some(pid) => {
+                format!("process {pid} runs it and publishes nothing: it is stopped, hangs, or starts")
+            }
+            None => format!(
+                "no process runs it; start it: daemon run --instance {} --root {}",
+                self.instance,
+                self.domain.root().display()
+            ),
+        })
+    }
+}
+
+impl Drop for Link {
+    fn drop(&mut self) {
+        self.ports = None;
+        // The last one of a domain takes it away.
+        let _ = self.domain.remove_if_unused();
+    }
+}
+
+fn period_ns(status: &Status) -> u64 {
+    1_000_000_000_000_u64.checked_div(status.rate_millihertz).unwrap_or(0)
+}

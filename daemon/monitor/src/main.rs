@@ -1,0 +1,5 @@
+//! What the service does, live; see `monitor --help`.
+
+fn main() -> std::process::ExitCode {
+    monitor::main_with_args(std::env::args_os())
+}

@@ -1,0 +1,57 @@
+//! Colours and their stand-ins: every colour has a word beside it, so that none is needed.
+
+use crate::words::Level;
+use ratatui::style::{Color, Modifier, Style};
+
+/// How things look.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Theme {
+    /// Whether colours are used; without, what matters is bold or reversed.
+    pub is_coloured: bool,
+}
+
+impl Theme {
+    /// A line that must be seen from afar.
+    pub fn banner(self, level: Level) -> Style {
+        let reversed = Style::new().add_modifier(Modifier::REVERSED | Modifier::BOLD);
+        match self.is_coloured {
+            false if level < Level::Caution => Style::new().add_modifier(Modifier::BOLD),
+            false => reversed,
+            true => Style::new().fg(Color::Black).bg(Self::colour(level)).add_modifier(Modifier::BOLD),
+        }
+    }
+
+    /// A word.
+    pub fn word(self, level: Level) -> Style {
+        let bold = Style::new().add_modifier(Modifier::BOLD);
+        match self.is_coloured {
+            true if level != Level::Info => bold.fg(Self::colour(level)),
+            _ => bold,
+        }
+    }
+
+    /// The title of a section.
+    pub fn title(self) -> Style {
+        let bold = Style::new().add_modifier(Modifier::BOLD);
+        if self.is_coloured { bold.fg(Color::Cyan) } else { bold.add_modifier(Modifier::UNDERLINED) }
+    }
+
+    /// What is there for reference.
+    pub fn faint(self) -> Style {
+        Style::new().add_modifier(Modifier::DIM)
+    }
+
+    /// A picture of the past.
+    pub fn trace(self) -> Style {
+        if self.is_coloured { Style::new().fg(Color::Blue) } else { Style::new() }
+    }
+
+    fn colour(level: Level) -> Color {
+        match level {
+            Level::Good => Color::Green,
+            Level::Info => Color::Cyan,
+            Level::Caution => Color::Yellow,
+            Level::Alarm => Color::Red,
+        }
+    }
+}

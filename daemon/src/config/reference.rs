@@ -1,0 +1,202 @@
+//! The reference of the configuration, for people and for editors, made from its types: `daemon config-reference`, and
+//! `docs/configuration.md` and `docs/configuration.schema.json`, which a test compares with it.
+
+use super::schema::{self, table};
+use serde_json::Value;
+
+/// The JSON schema, for editors.
+pub fn json_schema() -> String {
+    serde_json::to_string_pretty(&schema::schema()).expect("a schema is a JSON document") + "\n"
+}
+
+/// Every table and key: type, unit, default, what is accepted, meaning, example; as Markdown.
+pub fn markdown() -> String {
+    let schema = schema::schema();
+    let mut text = String::from(INTRODUCTION);
+    text += &section("Without a table", "", &schema);
+    for (name, schema) in properties(&schema).filter(|(_, schema)| table(schema).is_some()) {
+        text += &section(&format!("`[{name}]`"), name, schema);
+    }
+    // The same in every channel.
+    let solver = schema::find(&schema, "translation.solver").expect("a channel has a solver");
+    let heading = "`[translation.solver]`, `[rotation.solver]`, `[linear.solver]`";
+    text + &section(heading, "translation.solver", solver)
+}
+
+const INTRODUCTION: &str = r#"# Configuration
+
+<!-- Made from the types in daemon/src/config; after a change there:
+     UPDATE_REFERENCE=1 cargo test -p daemon --test config_reference -->
+
+`daemon run --config FILE` reads one TOML file; `daemon run --preset NAME` a built-in one. Start from one of those, and ask
+what is proven for yours before it flies:
+
+    daemon config --preset rigid-body > vehicle.toml
+    daemon check --config vehicle.toml
+
+A key that is unknown, a value of another type or out of its bounds is refused with its line. Units are in the keys. At
+least one of `[translation]`, `[rotation]`, `[linear]` must be there; each of these takes its centers either as a lattice,
+`centers_lower…`, `centers_upper…` and `centers_per_axis`, or one by one, `centers_listed…`.
+
+Editors complete and check keys by [configuration.schema.json](configuration.schema.json); with taplo (Even Better TOML)
+by a first line `#:schema PATH/configuration.schema.json`. `daemon config-reference` prints this text, with `--schema`
+that file.
+"#;
+
+fn properties(schema: &Value) -> impl Iterator<Item = (&str, &Value)> + Clone {
+    let table = table(schema).and_then(|table| table["properties"].as_object());
+    table.into_iter().flatten().map(|(name, schema)| (name.as_str(), schema))
+}
+
+fn section(heading: &str, path: &str, schema: &Value) -> String {
+    let mut text = format!("\n## {heading}\n");
+    if !path.is_empty() {
+        text += &format!("\n{}\n", description(schema));
+    }
+    let required = required(schema);
+    let keys = properties(schema).filter(|(_, schema)| !path.is_empty() || table(schema).is_none());
+    text += "\n| key | type | unit | default | accepted |\n|---|---|---|---|---|\n";
+    for (name, schema) in keys.clone() {
+        let default = match schema.get("default") {
+            Some(value) => format!("`{}`", toml_text(value)),
+            None if required.contains(&name) => "required".into(),
+            None => "absent".into(),
+        };
+        let (kind, unit) = (type_text(schema), unit(name));
+        text += &format!("| `{name}` | {kind} | {unit} | {default} | {} |\n", accepted(schema));
+    }
+    for (name, schema) in keys {
+        text += &format!("\n**`{name}`**: {}\n", description(schema));
+        if let Some(example) = example(schema).filter(|_| schema.get("default").is_none()) {
+            text += &format!("Example: `{name} = {}`\n", toml_text(example));
+        }
+        for (word, meaning) in words(schema).filter_map(|(word, meaning)| Some((word, meaning?))) {
+            text += &format!("- `\"{word}\"`: {meaning}\n");
+        }
+    }
+    text + &format!("\n```toml\n{}```\n", whole_example(path, schema))
+}
+
+/// A table as one may write it: what is required, or else all that there is.
+pub(super) fn whole_example(path: &str, schema: &Value) -> String {
+    let required = required(schema);
+    let mut text = if path.is_empty() { String::new() } else { format!("[{path}]\n") };
+    for (name, key) in properties(schema).filter(|(name, key)| {
+        if path.is_empty() { table(key).is_none() } else { required.is_empty() || required.contains(name) }
+    }) {
+        if let Some(value) = example(key) {
+            text += &format!("{name} = {}\n", toml_text(value));
+        }
+    }
+    text
+}
+
+/// A value that a key accepts, its default first.
+pub(super) fn example(schema: &Value) -> Option<&Value> {
+    schema.get("default").or_else(|| schema["examples"].get(0))
+}
+
+/// The keys that must be there, and the first of the alternatives of which one must.
+fn required(schema: &Value) -> Vec<&str> {
+    let Some(table) = table(schema) else { return Vec::new() };
+    let names = |schema: &'_ Value| schema["required"].as_array().cloned().unwrap_or_default();
+    let all = [names(table), names(&table["oneOf"][0])].concat();
+    properties(table).map(|(name, _)| name).filter(|name| all.iter().any(|other| other == name)).collect()
+}
+
+fn description(schema: &Value) -> String {
+    schema["description"]
+        .as_str()
+        .unwrap_or_default()
+        .replace("\n\n", "\u{0}")
+        .replace('\n', " ")
+        .replace('\u{0}', "\n\n")
+}
+
+fn toml_text(value: &Value) -> String {
+    toml::Value::try_from(value).expect("a value without null").to_string()
+}
+
+/// The unit, which is the end of a key's name.
+fn unit(key: &str) -> &'static str {
+    const UNITS: [(&str, &str); 15] = [
+        ("_kg_m2", "kg·m²"),
+        ("_kg_s2", "kg/s²"),
+        ("_rad_s", "rad/s"),
+        ("_m_s2", "m/s²"),
+        ("_m_s", "m/s"),
+        ("_n_m", "N·m"),
+        ("_per_s", "1/s"),
+        ("_kg", "kg"),
+        ("_hz", "Hz"),
+        ("_us", "µs"),
+        ("_s", "s"),
+        ("_m", "m"),
+        ("_n", "N"),
+        ("_ticks", "ticks"),
+        ("_samples", "samples"),
+    ];
+    UNITS.iter().find(|(end, _)| key.ends_with(end)).map_or("", |(_, unit)| unit)
+}
+
+/// A schema's words and what they mean.
+fn words(schema: &Value) -> impl Iterator<Item = (&str, Option<&str>)> {
+    let alternatives = ["anyOf", "oneOf"].map(|key| schema[key].as_array().into_iter().flatten());
+    let nested = alternatives.into_iter().flatten().flat_map(|inner| {
+        let further = inner["oneOf"].as_array().into_iter().flatten();
+        std::iter::once(inner).chain(further)
+    });
+    nested.filter_map(|word| Some((word["const"].as_str()?, word["description"].as_str())))
+}
+
+fn type_text(schema: &Value) -> String {
+    if let Some(alternatives) = schema["anyOf"].as_array() {
+        return alternatives.iter().map(type_text).collect::<Vec<_>>().join(", or ");
+    }
+    match schema["type"].as_str() {
+        Some("array") => several(schema),
+        Some("object") => "table".into(),
+        Some("boolean") => "true or false".into(),
+        Some("string") => "word".into(),
+        Some(name) => name.into(),
+        None => "word".into(),
+    }
+}
+
+/// The type of an array: `3 numbers`, `rows of numbers`.
+fn several(schema: &Value) -> String {
+    let count = schema["minItems"].as_u64().filter(|n| schema["maxItems"].as_u64() == Some(*n));
+    let items = &schema["items"];
+    let what = match items["type"].as_str() {
+        Some("array") => format!("rows of {}", several(items)),
+        Some(name) => format!("{name}s"),
+        None => "values".into(),
+    };
+    count.map_or(what.clone(), |count| format!("{count} {what}"))
+}
+
+/// Bounds, or the words.
+fn accepted(schema: &Value) -> String {
+    let words: Vec<_> = words(schema).map(|(word, _)| format!("`\"{word}\"`")).collect();
+    if !words.is_empty() {
+        return words.join(", ");
+    }
+    if let Some(pattern) = schema["pattern"].as_str() {
+        let named = |word: &str| format!("`\"{}\"`", word.replace("[0-9]+", "K"));
+        let words = pattern.trim_start_matches("^(").trim_end_matches(")$").split('|');
+        return words.map(named).collect::<Vec<_>>().join(", ");
+    }
+    let bound = |key: &str| schema[key].as_f64();
+    let parts =
+        match (bound("minimum"), bound("maximum"), bound("exclusiveMinimum"), bound("exclusiveMaximum")) {
+            (Some(low), Some(high), _, _) => format!("{low} … {high}"),
+            (Some(low), _, _, Some(high)) => format!("{low} … below {high}"),
+            (Some(low), ..) => format!("≥ {low}"),
+            (_, _, Some(low), _) => format!("> {low}"),
+            _ => String::new(),
+        };
+    match schema["multipleOf"].as_u64() {
+        Some(2) => format!("{parts}, even"),
+        _ => parts,
+    }
+}
