@@ -200,10 +200,10 @@ pub(crate) fn fly(
 
 /// The errors of the flight's second half, and the coasts of all of it.
 pub(crate) fn evaluate(flight: &Flight, estimator: impl Estimator) -> anyhow::Result<Accuracy> {
-    let (mut one_step, mut coast, mut whole_flight) = Default::default();
+    let [mut one_step, mut coast, mut whole_flight] = [const { MeanSquare { sum: 0.0, count: 0 } }; 3];
     let mut coasts = Vec::new();
     fly(flight, estimator, |index, finding| match finding {
-        Finding::NextSample(error) if index >= flight.half => MeanSquare::add(&mut one_step, &error),
+        Finding::NextSample(error) if index >= flight.half => one_step.add(&error),
         Finding::NextSample(_) => {}
         Finding::Coast(path, error) => {
             MeanSquare::add(&mut whole_flight, &error);
@@ -265,18 +265,18 @@ fn coast_from(
 }
 
 #[derive(Default)]
-pub(crate) struct MeanSquare {
+struct MeanSquare {
     sum: f64,
     count: usize,
 }
 
 impl MeanSquare {
-    pub(crate) fn add(&mut self, error: &Vector3<f64>) {
+    fn add(&mut self, error: &Vector3<f64>) {
         self.sum += error.norm_squared();
         self.count += 1;
     }
 
-    pub(crate) fn root(&self) -> f64 {
+    fn root(&self) -> f64 {
         (self.sum / self.count as f64).sqrt()
     }
 }

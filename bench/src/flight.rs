@@ -5,9 +5,9 @@ use anyhow::Context;
 use clap::Args;
 use daemon::config::ConfigFile;
 use daemon::gate::sample_of;
-use shared_types::logln;
-use sim_publisher::{Format, ImportOptions, read_flight};
-use std::path::PathBuf;
+use daemon::record::{Frame, Reader};
+use sim_publisher::{Format, ImportOptions, read_flight, say_findings};
+use std::path::{Path, PathBuf};
 
 /// A recorded flight and a configuration.
 #[derive(Debug, Args)]
@@ -17,7 +17,8 @@ pub(crate) struct FlightArguments {
     /// How it is written [default: by the file's ending].
     #[arg(long, value_enum)]
     format: Option<Format>,
-    /// Configuration file [default: preset acsl-x8 for an acsl log, rigid-body otherwise].
+    /// Configuration file [default: a flight record's own; preset acsl-x8 for an acsl
+    /// log, rigid-body otherwise].
     #[arg(long, value_name = "FILE", conflicts_with = "preset")]
     config: Option<PathBuf>,
     /// Built-in configuration.
@@ -51,12 +52,11 @@ impl FlightArguments {
             (Some(path), _, _) => ConfigFile::read(path)?,
             (None, Some(name), _) => ConfigFile::preset(name)?,
             (None, None, Format::Acsl) => ConfigFile::preset("acsl-x8")?,
+            (None, None, Format::Record) => configuration_of_record(&self.file)?,
             (None, None, Format::Csv | Format::Ulog) => ConfigFile::preset("rigid-body")?,
         };
         let flight = read_flight(format, &self.file, &self.import)?;
-        if flight.skipped_rows() > 0 {
-            logln!("bench: {}", flight.skipped);
-        }
+        say_findings(&flight, &self.file.display().to_string());
         let flown = flight.airborne_only().unwrap_or(flight);
         let samples: Vec<_> =
             flown.samples.iter().filter_map(|m| sample_of(m, &config.config.input).ok()).collect();
@@ -67,4 +67,16 @@ impl FlightArguments {
             config,
         })
     }
+}
+
+/// The configuration with which the record's first session was flown.
+fn configuration_of_record(path: &Path) -> anyhow::Result<ConfigFile> {
+    let name = path.display();
+    let mut reader = Reader::open(path).with_context(|| format!("cannot read '{name}'"))?;
+    while let Some(frame) = reader.next_frame()? {
+        if let Frame::Session(session) = frame {
+            return Ok(session.config_file()?);
+        }
+    }
+    anyhow::bail!("'{name}' holds no session; needed: a file of `daemon run --record`")
 }

@@ -5,16 +5,18 @@
 //!
 //! `J = w ln(c / c₀) + (1 − w) ln(s / s₀)`
 //!
-//! with c the RMS error after a coast, s that of the next sample's prediction, and ₀ those of the configuration to start
-//! from: ratios, so that one wild manoeuvre counts no more than a calm minute. The search (Nelder–Mead, from several
-//! simplices) runs in the logarithms of λ, Γ, ℓ, the dead zone and the centers' spacing over ℓ; what the observer refuses as
-//! unstable costs more than anything else, so that nothing outside of the provably stable set is ever chosen.
+//! with c the geometric mean of the errors after a coast, s that of the next sample's prediction, and ₀ those of the
+//! configuration to start from: ratios, so that one wild manoeuvre counts no more than a calm second. The search
+//! (Nelder–Mead, from several simplices) runs in the logarithms of λ, Γ, ℓ, the dead zone and the centers' spacing over
+//! ℓ; what the observer refuses as unstable costs more than anything else, so that nothing outside of the provably
+//! stable set is ever chosen.
 //!
 //! Of all that was tried, what is chosen is least in `J + μ ‖q‖²`, with q the logarithms of the factors on the start's
 //! numbers: a better fit must pay for its distance from where a person began. μ is cross-validated over time: for each
-//! block, the candidate that is chosen on the others is judged on it.
+//! block, the candidate that is chosen on the others is judged on it, and the highest μ within a standard error of the
+//! best one is taken (Breiman et al., *Classification and Regression Trees*, 1984, §3.4.3).
 
-use crate::accuracy::{Finding, Flight, MeanSquare, ObserverEstimator, best, evaluate, evaluate_kalman, fly};
+use crate::accuracy::{Finding, Flight, ObserverEstimator, best, evaluate, evaluate_kalman, fly};
 use crate::flight::{FlightArguments, Replay};
 use anyhow::{Context, ensure};
 use argmin::core::{CostFunction, Executor};
@@ -23,6 +25,7 @@ use clap::Args;
 use comfy_table::{Table, presets::UTF8_FULL_CONDENSED};
 use daemon::config::{ConfigFile, LengthScaleConfig, SymmetricMatrix, TranslationConfig};
 use indicatif::{ProgressBar, ProgressStyle};
+use nalgebra::Vector3;
 use serde::Serialize;
 use shared_types::outln;
 use std::cell::RefCell;
@@ -35,10 +38,12 @@ const MOST_CENTERS: usize = 1000;
 /// What a candidate costs that is refused, or lies outside of the bounds; no real one comes near.
 const REFUSED: f64 = 1e3;
 /// Prices μ of the distance from the start; the last one is hardly ever worth a step.
-const PRICES: [f64; 6] = [0.0, 0.001, 0.003, 0.01, 0.03, 0.1];
+const PRICES: [f64; 9] = [0.0, 0.001, 0.003, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0];
 /// Factors on λ, Γ, ℓ, the dead zone and the spacing from which the searches start.
 const STARTS: [[f64; 5]; 4] =
     [[1.0; 5], [1.0, 0.1, 1.0, 1.0, 1.0], [2.0, 1.0, 2.0, 0.5, 1.0], [0.5, 0.2, 0.5, 1.0, 1.0]];
+/// Errors below this count alike (m/s).
+const LEAST_ERROR_M_S: f64 = 1e-6;
 /// Edge of the first simplex, as a factor.
 const EDGE: f64 = 1.6;
 
@@ -183,7 +188,7 @@ pub fn run(arguments: &TuneArguments) -> anyhow::Result<()> {
         evaluations: n_evaluations,
         refused_as_unstable_or_out_of_bounds: search.refused.take(),
         coast_s: flight.coast_s,
-        tuned_on: [pooled(&search.reference), pooled(&block_errors(&first_half, &tuned)?)],
+        tuned_on: [errors(&start, &first_half)?, errors(&tuned, &first_half)?],
         price,
         cross_validated_ratio: cross_validated_cost.exp(),
         second_half,
@@ -336,28 +341,41 @@ impl Search<'_> {
     }
 
     fn best_of<'t>(&self, tried: &'t [Tried], without: Option<usize>, price: f64) -> Option<&'t Tried> {
-        let cost = |tried: &Tried| self.cost_of(&tried.blocks, without) + price * self.distance(&tried.coordinates);
+        let cost =
+            |tried: &Tried| self.cost_of(&tried.blocks, without) + price * self.distance(&tried.coordinates);
         tried.iter().min_by(|a, b| cost(a).total_cmp(&cost(b)))
     }
 
     /// Squared distance from the start, in logarithms.
     fn distance(&self, coordinates: &[f64]) -> f64 {
-        let square = |(index, c): (usize, &f64)| if index == 4 { c - self.start_spacing.ln() } else { *c }.powi(2);
+        let square =
+            |(index, c): (usize, &f64)| if index == 4 { c - self.start_spacing.ln() } else { *c }.powi(2);
         coordinates.iter().enumerate().map(square).sum()
     }
 
-    /// The price that is best on blocks that did not choose, and the mean cost there.
+    /// The highest price whose cost, on blocks that did not choose, is within a standard error of the least one's
+    /// (of what cannot be told apart, that which is nearest to the start); and that cost.
     fn price(&self, tried: &[Tried]) -> (f64, f64) {
         let n_blocks = self.reference.len();
-        let judged = |price: f64| {
-            let costs = (0..n_blocks).filter_map(|block| {
-                let chosen = self.best_of(tried, Some(block), price)?;
-                Some(self.block_cost(&chosen.blocks, block))
-            });
-            costs.sum::<f64>() / n_blocks as f64
-        };
-        let all = PRICES.map(|price| (price, judged(price)));
-        all.into_iter().min_by(|(_, a), (_, b)| a.total_cmp(b)).expect("there are prices")
+        let judged = PRICES.map(|price| {
+            let costs: Vec<f64> = (0..n_blocks)
+                .filter_map(|block| {
+                    let chosen = self.best_of(tried, Some(block), price)?;
+                    Some(self.block_cost(&chosen.blocks, block))
+                })
+                .collect();
+            let mean = costs.iter().sum::<f64>() / costs.len() as f64;
+            let variance =
+                costs.iter().map(|cost| (cost - mean).powi(2)).sum::<f64>() / (n_blocks - 1) as f64;
+            (price, mean, (variance / n_blocks as f64).sqrt())
+        });
+        let (_, least, error) =
+            judged.into_iter().min_by(|(_, a, _), (_, b, _)| a.total_cmp(b)).expect("there are prices");
+        let (price, mean, _) = judged
+            .into_iter()
+            .rfind(|(_, mean, _)| *mean <= least + error)
+            .expect("the least one is among them");
+        (price, mean)
     }
 }
 
@@ -387,9 +405,9 @@ impl CostFunction for Shared<'_, '_> {
     }
 }
 
-/// RMS errors of coast and next sample in each block.
+/// Typical errors of coast and next sample in each block (m/s).
 fn block_errors(flight: &Flight, config: &ConfigFile) -> anyhow::Result<Vec<[f64; 2]>> {
-    let mut sums: Vec<[MeanSquare; 2]> = (0..N_BLOCKS).map(|_| Default::default()).collect();
+    let mut sums: Vec<[MeanLog; 2]> = (0..N_BLOCKS).map(|_| Default::default()).collect();
     let learned_in = flight.half;
     let length = (flight.samples.len() - learned_in).div_ceil(N_BLOCKS);
     fly(flight, ObserverEstimator(config.observer()?), |index, finding| {
@@ -400,15 +418,25 @@ fn block_errors(flight: &Flight, config: &ConfigFile) -> anyhow::Result<Vec<[f64
             Finding::NextSample(error) => block[1].add(&error),
         }
     })?;
-    Ok(sums.iter().map(|[coast, step]| [coast.root(), step.root()]).collect())
+    Ok(sums.iter().map(|[coast, step]| [coast.mean(), step.mean()]).collect())
 }
 
-/// Of blocks of the same length.
-fn pooled(blocks: &[[f64; 2]]) -> Errors {
-    let root = |which: usize| {
-        (blocks.iter().map(|block| block[which].powi(2)).sum::<f64>() / blocks.len() as f64).sqrt()
-    };
-    Errors { coast_rms_m_s: root(0), one_step_rms_m_s: root(1) }
+/// Geometric mean of the errors' norms.
+#[derive(Default)]
+struct MeanLog {
+    sum: f64,
+    count: usize,
+}
+
+impl MeanLog {
+    fn add(&mut self, error: &Vector3<f64>) {
+        self.sum += error.norm().max(LEAST_ERROR_M_S).ln();
+        self.count += 1;
+    }
+
+    fn mean(&self) -> f64 {
+        (self.sum / self.count as f64).exp()
+    }
 }
 
 /// The first lines of the written configuration.
@@ -467,7 +495,7 @@ fn print(document: &Document) {
     }
     outln!("{table}");
     outln!(
-        "cross-validated over time: {:.2} times the start's errors on blocks that did not choose; price of distance {}",
+        "cross-validated over time: {:.2} times the start's errors on thirds that did not choose; price of distance {}",
         document.cross_validated_ratio,
         document.price,
     );

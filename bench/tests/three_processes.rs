@@ -9,7 +9,7 @@ use daemon::snapshot::Snapshot;
 use rustix::process::Signal;
 use shared_types::Client;
 use shared_types::clock::monotonic_ns;
-use shared_types::payload::{Estimate, Status, command, restored, status_bits};
+use shared_types::payload::{Estimate, Rejection, Status, command, restored, status_bits};
 use std::time::{Duration, Instant};
 
 const PATIENCE: Duration = Duration::from_secs(10);
@@ -56,11 +56,13 @@ fn assert_accounted_for(sent: &serde_json::Value, status: &Status, received: &[E
         status.ticks,
         status.deadline_misses
     );
-    assert_eq!(status.samples_rejected_total(), 0);
-    // Every sequence number up to the newest was used or counted as lost; after it nothing was sent.
-    assert_eq!(status.samples_accepted + status.samples_lost, status.newest_sequence + 1);
-    let trailing = published + dropped - (status.newest_sequence + 1);
-    assert!(trailing <= dropped, "{trailing} samples after the newest one used");
+    // A loop that a busy machine kept from its processor for too long turns samples away; nothing else does.
+    let turned_away = status.rejected(Rejection::Overload) + status.rejected(Rejection::TooOld);
+    assert_eq!(status.samples_rejected_total(), turned_away);
+    // Every sequence number is used, turned away or counted as lost; after the newest nothing was sent.
+    let accounted = status.samples_accepted + status.samples_lost + turned_away;
+    let trailing = published + dropped - accounted;
+    assert!(trailing <= dropped, "{trailing} samples are not accounted for");
     assert!(status.samples_accepted <= published);
     assert!(received.iter().all(Estimate::is_finite));
     // This reader may be kept from its processor for longer than its queue lasts; then the gap shows.
@@ -75,7 +77,7 @@ fn a_minute_at_one_kilohertz_is_accounted_for() {
     let (sent, status, received) = exchange(60, &[]);
     assert_eq!(sent["samples_published"], 60_000);
     assert_accounted_for(&sent, &status, &received);
-    assert_eq!(status.samples_accepted + status.samples_lost, 60_000);
+
     assert!(received.len() > 30_000, "{}", received.len());
 }
 

@@ -4,7 +4,7 @@ use crate::faults::{
     Fault, FaultError, Faults, Faulty, Reach, Tally, check_faults, help as fault_help, read_faults,
 };
 use crate::publish::{Outgoing, Pace, Published, connect, publish};
-use crate::replay::{Format, ImportError, ImportOptions, read_flight, write_table};
+use crate::replay::{Format, ImportError, ImportOptions, read_flight, say_findings, write_table};
 use crate::scenario::Scenario;
 use crate::sensors::Outage;
 use crate::simulation::{DEFAULT_RATE_HZ, Simulation, SimulationError, SimulationOptions};
@@ -70,6 +70,12 @@ Examples:
   sim_publisher replay --format csv flight.csv --column time_s=t \\
       --column velocity_x=vx --column velocity_y=vy --column velocity_z=vz")]
     Replay(ReplayArgs),
+    /// Tells what a log holds, and which options and rates to use
+    #[command(after_help = "\
+Examples:
+  sim_publisher inspect flight.ulg
+  sim_publisher inspect flight.csv --column time_s=t --json")]
+    Inspect(InspectArgs),
 }
 
 #[derive(Debug, Args)]
@@ -161,6 +167,20 @@ struct ReplayArgs {
     target: TargetArgs,
 }
 
+#[derive(Debug, Args)]
+struct InspectArgs {
+    /// How the log is written [default: by the file's ending]
+    #[arg(long, value_enum)]
+    format: Option<Format>,
+    /// The log
+    file: PathBuf,
+    #[command(flatten)]
+    import: ImportOptions,
+    /// Print one JSON document
+    #[arg(long)]
+    json: bool,
+}
+
 /// Why the program ends without having done its work.
 #[derive(Debug, thiserror::Error)]
 enum Failure {
@@ -214,6 +234,7 @@ pub fn main_with_args(args: impl IntoIterator<Item = OsString>) -> ExitCode {
     let outcome = match cli.command {
         Command::Run(args) => run(&args),
         Command::Replay(args) => replay(&args),
+        Command::Inspect(args) => inspect(&args),
     };
     match outcome {
         Ok(()) => ExitCode::SUCCESS,
@@ -352,17 +373,10 @@ fn replay(args: &ReplayArgs) -> Result<(), Failure> {
     if !(args.speed > 0.0 && args.speed <= 1000.0) {
         return Err(Failure::Usage(format!("--speed {}: needed: above 0, at most 1000", args.speed)));
     }
-    let format = args.format.or_else(|| Format::of(&args.file)).ok_or_else(|| {
-        Failure::Usage(format!("'{}': its ending tells no format; needed: --format", args.file.display()))
-    })?;
+    let format = format_of(args.format, &args.file)?;
     let mut flight = read_flight(format, &args.file, &args.import)?;
     let file = args.file.display().to_string();
-    if flight.skipped_rows() > 0 {
-        logln!("'{file}': {}", flight.skipped);
-    }
-    if flight.values_not_finite > 0 {
-        logln!("'{file}': {} values not finite; their fields carry no measurement", flight.values_not_finite);
-    }
+    say_findings(&flight, &file);
     if args.airborne_only {
         flight = flight.airborne_only().ok_or_else(|| {
             Failure::Usage(match format {
@@ -370,8 +384,8 @@ fn replay(args: &ReplayArgs) -> Result<(), Failure> {
                     format!("--airborne-only: '{file}' has no thrust above 5 N; leave the option out")
                 }
                 Format::Ulog => format!("--airborne-only: '{file}' tells of no flight; leave the option out"),
-                Format::Csv => {
-                    "--airborne-only: a table does not tell; cut it to the rows of the flight".into()
+                Format::Csv | Format::Record => {
+                    "--airborne-only: this format does not tell; leave the option out".into()
                 }
             })
         })?;
@@ -396,6 +410,21 @@ fn replay(args: &ReplayArgs) -> Result<(), Failure> {
     let details =
         [("file", file.into()), ("speed", args.speed.into()), ("rows_skipped", skipped_rows.into())];
     report(&args.target, &published, details);
+    Ok(())
+}
+
+fn format_of(given: Option<Format>, file: &Path) -> Result<Format, Failure> {
+    given.or_else(|| Format::of(file)).ok_or_else(|| {
+        Failure::Usage(format!("'{}': its ending tells no format; needed: --format", file.display()))
+    })
+}
+
+fn inspect(args: &InspectArgs) -> Result<(), Failure> {
+    let findings = crate::inspect::inspect(format_of(args.format, &args.file)?, &args.file, &args.import)?;
+    match args.json {
+        true => outln!("{}", serde_json::to_string_pretty(&findings).expect("numbers and names")),
+        false => outln!("{findings}"),
+    }
     Ok(())
 }
 

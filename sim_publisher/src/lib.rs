@@ -10,11 +10,13 @@
 //! | [`faults`] | what goes wrong on purpose, and when: a pure stage between samples and publication |
 //! | [`simulation`] | all of them together: an iterator over samples, without clock or files |
 //! | [`replay`] | recorded flights as samples |
+//! | [`inspect`] | what a log holds, and how to go on with it |
 //! | [`publish`] | samples into shared memory, each at its own stamp |
 //! | [`supervise`] | the publishing process stopped, killed and started again, on purpose |
 //! | [`cli`] | the program |
 //!
-//! Nothing here uses the observer's model or integrator, so that the two cannot flatter each other.
+//! Nothing here uses the observer's model or integrator, so that the two cannot flatter each other: of the service's
+//! crate only the reader of its flight records.
 //!
 //! ```
 //! use sim_publisher::{Scenario, Simulation, SimulationOptions};
@@ -31,6 +33,7 @@
 pub mod cli;
 pub mod disturbance;
 pub mod faults;
+pub mod inspect;
 pub mod plant;
 pub mod publish;
 pub mod replay;
@@ -42,6 +45,7 @@ pub mod supervise;
 pub use cli::main_with_args;
 pub use replay::{
     CsvMap, Format, ImportError, ImportOptions, RecordedFlight, UlogScales, parse_flight, read_flight,
+    say_findings,
 };
 pub use scenario::Scenario;
 pub use simulation::{SimulatedSample, Simulation, SimulationError, SimulationOptions};

@@ -4,14 +4,15 @@
 //! reason; a file of which nothing can be used is an error.
 
 mod acsl;
+mod record;
 mod table;
 mod ulog;
 
-pub use table::{CsvMap, MapError, TimeUnit, VelocityAxes, write_table};
+pub use table::{CsvMap, MapError, TimeUnit, VelocityAxes, column_names, write_table};
 pub use ulog::{UlogContents, UlogScales, ulog_contents};
 
-use shared_types::Measurement;
 use shared_types::payload::valid;
+use shared_types::{Measurement, logln};
 use std::fmt;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
@@ -25,6 +26,8 @@ pub enum Format {
     Csv,
     /// PX4's ULog, topics joined by time stamp; the force of a full set-point, --thrust-n or --mass-kg says
     Ulog,
+    /// Flight record of `daemon run --record`
+    Record,
 }
 
 /// What a file does not say of itself.
@@ -56,10 +59,10 @@ impl ImportOptions {
         let numbers = self.thrust_n.iter().chain(&self.mass_kg).chain(self.torque_n_m.iter().flatten());
         let wrong = |what: &str| Err(ImportError::Option(what.into()));
         match format {
-            Format::Acsl | Format::Ulog if of_tables => {
+            Format::Acsl | Format::Ulog | Format::Record if of_tables => {
                 wrong("--column and --map are for --format csv; other logs name their own columns")
             }
-            Format::Acsl | Format::Csv if of_ulog => wrong(
+            Format::Acsl | Format::Csv | Format::Record if of_ulog => wrong(
                 "--thrust-n, --mass-kg and --torque-n-m are for --format ulog; other logs say their forces",
             ),
             _ => match numbers.into_iter().find(|number| !(number.is_finite() && **number > 0.0)) {
@@ -79,6 +82,7 @@ impl Format {
             "log" => Some(Self::Acsl),
             "csv" => Some(Self::Csv),
             "ulg" => Some(Self::Ulog),
+            "rec" => Some(Self::Record),
             _ => None,
         }
     }
@@ -114,6 +118,16 @@ pub enum ImportError {
     /// It is no ULog, or damaged from the start.
     #[error("'{path}' is no ULog: {found}; needed: a log of PX4 (.ulg)")]
     NoUlog {
+        /// Which file.
+        path: String,
+        /// What was found.
+        found: String,
+    },
+    /// It is no flight record, or none that this version reads.
+    #[error(
+        "'{path}' is no flight record that can be read: {found}; needed: a file of `daemon run --record`"
+    )]
+    NoRecord {
         /// Which file.
         path: String,
         /// What was found.
@@ -158,6 +172,8 @@ pub enum SkipReason {
     NoUnitQuaternion,
     /// No field of the row has a value.
     NothingMeasured,
+    /// A force along the body's axes, before the first attitude.
+    NoAttitudeYet,
 }
 
 impl SkipReason {
@@ -169,14 +185,28 @@ impl SkipReason {
             Self::TimeNotIncreasing => "time not later than in the row before",
             Self::NoUnitQuaternion => "attitude not of unit norm",
             Self::NothingMeasured => "no value at all",
+            Self::NoAttitudeYet => "thrust before the first attitude",
         }
     }
 }
 
-/// Rows that were skipped, by reason, each with the line of the first.
+/// Where in a file something is.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+enum Place {
+    /// The file's lines, from 1.
+    #[default]
+    Line,
+    /// The file's samples, from 1.
+    Sample,
+    /// The file's own clock (µs).
+    Microsecond,
+}
+
+/// Rows that were skipped, by reason, each with the place of the first.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Skipped {
     reasons: Vec<(SkipReason, usize, u64)>,
+    place: Place,
 }
 
 impl Skipped {
@@ -190,20 +220,26 @@ impl Skipped {
         self.reasons.iter().find(|(known, ..)| *known == reason).map_or(0, |(_, rows, _)| *rows)
     }
 
-    fn add(&mut self, reason: SkipReason, line: u64) {
+    fn add(&mut self, reason: SkipReason, place: u64) {
         match self.reasons.iter_mut().find(|(known, ..)| *known == reason) {
             Some((_, rows, _)) => *rows += 1,
-            None => self.reasons.push((reason, 1, line)),
+            None => self.reasons.push((reason, 1, place)),
         }
     }
 }
 
 impl fmt::Display for Skipped {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{} rows skipped", self.rows())?;
-        for (index, (reason, rows, line)) in self.reasons.iter().enumerate() {
+        let rows = if self.place == Place::Line { "rows" } else { "samples" };
+        write!(f, "{} {rows} skipped", self.rows())?;
+        for (index, (reason, rows, first)) in self.reasons.iter().enumerate() {
             let separator = if index == 0 { ':' } else { ',' };
-            write!(f, "{separator} {rows} × {} (first: line {line})", reason.words())?;
+            write!(f, "{separator} {rows} × {} (first: ", reason.words())?;
+            match self.place {
+                Place::Line => write!(f, "line {first})"),
+                Place::Sample => write!(f, "sample {first})"),
+                Place::Microsecond => write!(f, "at {first} µs of the log)"),
+            }?;
         }
         Ok(())
     }
@@ -220,6 +256,8 @@ pub struct RecordedFlight {
     pub values_not_finite: usize,
     /// Samples in the air, where the format tells.
     pub airborne: Option<Range<usize>>,
+    /// What a person should know of the file: where it ends too early, what it lacks. A sentence each.
+    pub remarks: Vec<String>,
 }
 
 impl RecordedFlight {
@@ -269,6 +307,19 @@ pub fn read_flight(
     parse_flight(format, &bytes, &name, &map, &UlogScales { thrust_n, torque_n_m, mass_kg })
 }
 
+/// Says on standard error what a person should know before the flight is used.
+pub fn say_findings(flight: &RecordedFlight, file: &str) {
+    for remark in &flight.remarks {
+        logln!("'{file}': {remark}");
+    }
+    if flight.skipped_rows() > 0 {
+        logln!("'{file}': {}", flight.skipped);
+    }
+    if flight.values_not_finite > 0 {
+        logln!("'{file}': {} values not finite; their fields carry no measurement", flight.values_not_finite);
+    }
+}
+
 /// A recorded flight from the bytes of its file; `name` stands for that in messages, `map` is of tables, `scales` of ULogs.
 ///
 /// # Errors
@@ -281,6 +332,7 @@ pub fn parse_flight(
     scales: &UlogScales,
 ) -> Result<RecordedFlight, ImportError> {
     match format {
+        Format::Record => record::parse(bytes, name),
         Format::Ulog => ulog::parse(bytes, name, scales),
         Format::Acsl => acsl::parse(bytes, name),
         Format::Csv => table::parse(bytes, name, map),
@@ -294,9 +346,14 @@ struct Collector {
     skipped: Skipped,
     values_not_finite: usize,
     first_ns: Option<i128>,
+    remarks: Vec<String>,
 }
 
 impl Collector {
+    fn counted_by(place: Place) -> Self {
+        Self { skipped: Skipped { place, ..Skipped::default() }, ..Self::default() }
+    }
+
     /// Adds a row taken at `time_ns`, any origin; its sequence and stamp are set here.
     fn add(&mut self, line: u64, time_ns: i128, sample: Measurement) -> bool {
         let accepted = self.place(time_ns, sample);
@@ -325,11 +382,11 @@ impl Collector {
     }
 
     fn finish(self, path: &str, airborne: Option<Range<usize>>) -> Result<RecordedFlight, ImportError> {
-        let Self { samples, skipped, values_not_finite, .. } = self;
+        let Self { samples, skipped, values_not_finite, remarks, .. } = self;
         if samples.is_empty() {
             return Err(ImportError::NoUsableRow { path: path.into(), skipped });
         }
-        Ok(RecordedFlight { samples, skipped, values_not_finite, airborne })
+        Ok(RecordedFlight { samples, skipped, values_not_finite, airborne, remarks })
     }
 }
 

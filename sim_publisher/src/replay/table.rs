@@ -235,6 +235,16 @@ fn three<'a>(
     columns(quantity, [("x", x), ("y", y), ("z", z)])
 }
 
+/// The names in the first line of a table.
+///
+/// # Errors
+/// The separator cannot separate.
+pub fn column_names(bytes: &[u8], map: &CsvMap) -> Result<Vec<String>, MapError> {
+    let mut reader = csv::ReaderBuilder::new().delimiter(map.separator()?).from_reader(bytes);
+    let header = reader.byte_headers().cloned().unwrap_or_default();
+    Ok(header.iter().map(|name| String::from_utf8_lossy(name).trim().to_owned()).collect())
+}
+
 /// Where the columns of a file are.
 struct Places {
     time: usize,

@@ -7,11 +7,12 @@
 //! | vehicle_attitude | attitude |
 //! | vehicle_thrust_setpoint | force: the set-point times the thrust of 1, turned by the newest attitude |
 //! | vehicle_torque_setpoint | torque: the set-point times the torque of 1 |
+//! | actuator_controls_0 | force and torque, of logs from before these two topics |
 //! | vehicle_land_detected | the time in the air |
 //!
 //! Each message is a sample at its own `timestamp_sample` with its own fields; messages of one instant are one sample.
 
-use super::{Collector, ImportError, RecordedFlight, SkipReason};
+use super::{Collector, ImportError, Place, RecordedFlight, SkipReason};
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 use px4_ulog::stream_parser::{DataMessage, LogParser, model::DropoutMessage};
 use shared_types::Measurement;
@@ -34,11 +35,16 @@ const GRAVITY_M_S2: f64 = 9.80665;
 /// A message that matters.
 #[derive(Debug, Clone, Copy)]
 enum Event {
-    Motion { velocity_m_s: Option<[f64; 3]>, position_m: Option<[f64; 3]> },
+    Motion {
+        velocity_m_s: Option<[f64; 3]>,
+        position_m: Option<[f64; 3]>,
+    },
     AngularVelocity([f64; 3]),
     Attitude([f64; 4]),
     Thrust([f64; 3]),
     Torque([f64; 3]),
+    /// Torque about each axis, then thrust, upwards.
+    Controls([f64; 4]),
     HoverThrust(f64),
     Landed(bool),
 }
@@ -150,6 +156,10 @@ fn event(topic: &str, message: &DataMessage<'_>) -> Option<(u64, Event)> {
         }
         "vehicle_thrust_setpoint" => Event::Thrust(numbers(["xyz[0]", "xyz[1]", "xyz[2]"])?),
         "vehicle_torque_setpoint" => Event::Torque(numbers(["xyz[0]", "xyz[1]", "xyz[2]"])?),
+        "actuator_controls_0" => {
+            let [roll, pitch, yaw] = numbers(["control[0]", "control[1]", "control[2]"])?;
+            Event::Controls([roll, pitch, yaw, number("control[3]")?])
+        }
         "hover_thrust_estimate" => {
             Event::HoverThrust(number("hover_thrust").filter(|&thrust| thrust > 0.05)?)
         }
@@ -166,6 +176,51 @@ pub fn ulog_contents(bytes: &[u8]) -> UlogContents {
     read(bytes).1
 }
 
+/// Old logs' controls as the set-points that newer ones have; dropped where both are there.
+fn commanded(stamp_us: u64, event: Event, has_setpoints: bool) -> Vec<(u64, Event)> {
+    match event {
+        Event::Controls(_) if has_setpoints => Vec::new(),
+        Event::Controls([roll, pitch, yaw, up]) => {
+            vec![(stamp_us, Event::Torque([roll, pitch, yaw])), (stamp_us, Event::Thrust([0.0, 0.0, -up]))]
+        }
+        other => vec![(stamp_us, other)],
+    }
+}
+
+/// What the reader of a log should know before it is used.
+fn remarks(
+    contents: &UlogContents,
+    events: &[(u64, Event)],
+    thrust_n: Option<f64>,
+    scales: &UlogScales,
+) -> Vec<String> {
+    let has = |is: fn(&Event) -> bool| events.iter().any(|(_, event)| is(event));
+    let mut remarks = Vec::new();
+    if let Some(reason) = &contents.ended_by {
+        remarks.push(format!("read up to here: {reason}"));
+    }
+    if contents.dropouts > 0 {
+        let (n, length_ms) = (contents.dropouts, contents.dropouts_ms);
+        remarks.push(format!("the logger lost data {n} times, {length_ms} ms in all"));
+    }
+    if !has(|event| matches!(event, Event::Motion { velocity_m_s: Some(_), .. })) {
+        remarks.push("no valid velocity (topic vehicle_local_position)".into());
+    }
+    if !has(|event| matches!(event, Event::Thrust(_))) {
+        remarks.push("no force: neither vehicle_thrust_setpoint nor actuator_controls_0 is in it".into());
+    } else if thrust_n.is_none() {
+        remarks.push(match scales.mass_kg {
+            None => "no force: needed: --mass-kg, or --thrust-n, the force of a thrust set-point of 1".into(),
+            Some(_) => "no force: the log has no hover_thrust_estimate, from which --mass-kg could tell it; \
+                        needed: --thrust-n, the force of a thrust set-point of 1"
+                .into(),
+        });
+    } else if !has(|event| matches!(event, Event::Attitude(_))) {
+        remarks.push("no force: without vehicle_attitude nothing tells where the thrust points".into());
+    }
+    remarks
+}
+
 pub(super) fn parse(bytes: &[u8], path: &str, scales: &UlogScales) -> Result<RecordedFlight, ImportError> {
     let (mut events, contents) = read(bytes);
     if events.is_empty() {
@@ -180,15 +235,16 @@ pub(super) fn parse(bytes: &[u8], path: &str, scales: &UlogScales) -> Result<Rec
             },
         });
     }
+    let has_setpoints = events.iter().any(|(_, event)| matches!(event, Event::Thrust(_)));
+    events = events.into_iter().flat_map(|(us, event)| commanded(us, event, has_setpoints)).collect();
     events.sort_by_key(|(stamp_us, _)| *stamp_us);
     let hover_n =
         contents.hover_thrust.zip(scales.mass_kg).map(|(hover, mass_kg)| mass_kg * GRAVITY_M_S2 / hover);
     let thrust_n = scales.thrust_n.or(hover_n);
 
-    let mut flight = Collector::default();
+    let mut flight = Collector::counted_by(Place::Microsecond);
+    flight.remarks = remarks(&contents, &events, thrust_n, scales);
     let mut attitude: Option<UnitQuaternion<f64>> = None;
-    // What the vehicle is told before it is known how it lies.
-    let mut thrusts_without_attitude = 0;
     let (mut flying_since_us, mut airborne_us) = (None, None);
     let mut rest = &events[..];
     while let Some(&(stamp_us, _)) = rest.first() {
@@ -215,7 +271,7 @@ pub(super) fn parse(bytes: &[u8], path: &str, scales: &UlogScales) -> Result<Rec
                         let force_n = attitude * (thrust_n * Vector3::from(setpoint));
                         sample = sample.with_force_n(force_n.into());
                     }
-                    (Some(_), None) => thrusts_without_attitude += 1,
+                    (Some(_), None) => flight.skipped.add(SkipReason::NoAttitudeYet, stamp_us),
                     (None, _) => {}
                 },
                 Event::Torque(setpoint) => {
@@ -230,7 +286,7 @@ pub(super) fn parse(bytes: &[u8], path: &str, scales: &UlogScales) -> Result<Rec
                     }
                 }
                 Event::Landed(false) => _ = flying_since_us.get_or_insert(stamp_us),
-                Event::Attitude(_) | Event::HoverThrust(_) => {}
+                Event::Attitude(_) | Event::HoverThrust(_) | Event::Controls(_) => {}
             }
         }
         if sample.valid != 0 {
@@ -239,9 +295,6 @@ pub(super) fn parse(bytes: &[u8], path: &str, scales: &UlogScales) -> Result<Rec
     }
     if let (Some(since_us), Some(&(last_us, _))) = (flying_since_us, events.last()) {
         airborne_us = longer(airborne_us, (since_us, last_us));
-    }
-    for _ in 0..thrusts_without_attitude {
-        flight.skipped.add(SkipReason::NothingMeasured, 0);
     }
     let first_us = flight.first_ns.map_or(0, |ns| u64::try_from(ns / 1000).unwrap_or(0));
     let airborne = airborne_us.map(|(start_us, end_us)| {
@@ -257,4 +310,149 @@ pub(super) fn parse(bytes: &[u8], path: &str, scales: &UlogScales) -> Result<Rec
 fn longer(kept: Option<(u64, u64)>, other: (u64, u64)) -> Option<(u64, u64)> {
     let length = |(start, end): (u64, u64)| end.saturating_sub(start);
     Some(kept.filter(|&kept| length(kept) >= length(other)).unwrap_or(other))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use shared_types::payload::valid;
+
+    /// A log with these formats (name, fields) and messages (index of format, instance, payload).
+    fn log(formats: &[(&str, &str)], messages: &[(usize, u8, Vec<u8>)]) -> Vec<u8> {
+        let mut bytes = b"ULog\x01\x12\x35\x01".to_vec();
+        bytes.extend(0_u64.to_le_bytes());
+        let mut message = |kind: u8, body: &[u8]| {
+            bytes.extend(u16::try_from(body.len()).unwrap().to_le_bytes());
+            bytes.push(kind);
+            bytes.extend(body);
+        };
+        message(b'B', &[0; 40]);
+        for (name, fields) in formats {
+            message(b'F', format!("{name}:{fields}").as_bytes());
+        }
+        // Every format is subscribed to as two instances.
+        for (index, (name, _)) in formats.iter().enumerate() {
+            for instance in [0_u8, 1] {
+                let id = (2 * index) as u16 + u16::from(instance);
+                message(b'A', &[&[instance][..], &id.to_le_bytes(), name.as_bytes()].concat());
+            }
+        }
+        for (index, instance, payload) in messages {
+            let id = (2 * index) as u16 + u16::from(*instance);
+            message(b'D', &[&id.to_le_bytes()[..], payload].concat());
+        }
+        message(b'O', &7_u16.to_le_bytes());
+        bytes
+    }
+
+    fn payload(stamp_us: u64, values: &[f32]) -> Vec<u8> {
+        let values = values.iter().flat_map(|value| value.to_le_bytes());
+        stamp_us.to_le_bytes().into_iter().chain(values).collect()
+    }
+
+    const ATTITUDE: (&str, &str) = ("vehicle_attitude", "uint64_t timestamp;float[4] q;");
+    const CONTROLS: (&str, &str) = ("actuator_controls_0", "uint64_t timestamp;float[8] control;");
+
+    #[test]
+    fn thrust_of_an_old_log_points_where_its_vehicle_does() {
+        // Nose up by 90°: forward is up, and the body's upward thrust pulls to the south.
+        let half = std::f32::consts::FRAC_1_SQRT_2;
+        let controls = [0.1, 0.2, 0.3, 0.5, 0.0, 0.0, 0.0, 0.0];
+        let bytes = log(
+            &[ATTITUDE, CONTROLS],
+            &[
+                (1, 0, payload(500, &controls)),
+                (0, 0, payload(1000, &[half, 0.0, half, 0.0])),
+                // Another instance's is not what the vehicle flies on.
+                (0, 1, payload(1500, &[1.0, 0.0, 0.0, 0.0])),
+                (1, 0, payload(3000, &controls)),
+            ],
+        );
+        let scales = UlogScales { thrust_n: Some(20.0), torque_n_m: Some([1.0, 2.0, 3.0]), mass_kg: None };
+        let flight = parse(&bytes, "old.ulg", &scales).unwrap();
+        assert_eq!(flight.skipped.for_reason(SkipReason::NoAttitudeYet), 1, "{}", flight.skipped);
+        assert!(flight.skipped.to_string().contains("at 500 µs"), "{}", flight.skipped);
+        assert!(flight.remarks.iter().any(|remark| remark.contains("1 times, 7 ms")), "{:?}", flight.remarks);
+        let last = flight.samples.last().unwrap();
+        assert_eq!(last.stamp_ns, 2_500_000);
+        for (found, expected) in last.force_n.iter().zip([-10.0, 0.0, 0.0]) {
+            assert!((found - expected).abs() < 1e-5, "{:?}", last.force_n);
+        }
+        for (found, expected) in last.torque_n_m.iter().zip([0.1, 0.4, 0.9]) {
+            assert!((found - expected).abs() < 1e-6, "{:?}", last.torque_n_m);
+        }
+    }
+
+    #[test]
+    fn what_a_log_lacks_is_said() {
+        let sentence = |bytes: &[u8]| parse(bytes, "f.ulg", &UlogScales::default()).unwrap_err().to_string();
+        assert!(sentence(b"").contains("is no ULog"), "{}", sentence(b""));
+        assert!(sentence(b"time,vx\n0,1\n").contains("is no ULog"));
+        let other = log(&[("cpuload", "uint64_t timestamp;float load;")], &[(0, 0, payload(1, &[0.5]))]);
+        assert!(sentence(&other).contains("its topics are: cpuload"), "{}", sentence(&other));
+        let rates = log(
+            &[("vehicle_angular_velocity", "uint64_t timestamp;float[3] xyz;")],
+            &[(0, 0, payload(1, &[0.1, 0.2, 0.3]))],
+        );
+        let remarks = parse(&rates, "f.ulg", &UlogScales::default()).unwrap().remarks.join("; ");
+        assert!(remarks.contains("no valid velocity") && remarks.contains("no force: neither"), "{remarks}");
+        // A message that ends within itself.
+        let torn = parse(&rates[..rates.len() - 1], "f.ulg", &UlogScales::default()).unwrap();
+        assert_eq!(torn.samples.len(), 1);
+        assert!(torn.remarks[0].contains("ends within a message"), "{:?}", torn.remarks);
+    }
+
+    /// Counts and sums as pyulog 1.3.0 and NumPy tell them, the force turned by them too.
+    #[test]
+    fn a_real_log_is_read_as_pyulog_reads_it() {
+        let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../../shared/data/ulog/sample_px4_events.ulg");
+        let Ok(bytes) = std::fs::read(path) else {
+            println!("skipped: {path} is not here (PX4/pyulog has it in test/)");
+            return;
+        };
+        let scales = UlogScales { thrust_n: Some(1.0), ..UlogScales::default() };
+        let flight = parse(&bytes, "sample", &scales).unwrap();
+        let sum = |bit: u32, values: fn(&Measurement) -> Vec<f64>| {
+            let carrying = flight.samples.iter().filter(|sample| sample.has(bit));
+            carrying.fold((0, Vec::new()), |(n, sum), sample| {
+                let values = values(sample);
+                let sum = if sum.is_empty() { vec![0.0; values.len()] } else { sum };
+                (n + 1, sum.iter().zip(values).map(|(a, b)| a + b).collect())
+            })
+        };
+        let expect = |found: (usize, Vec<f64>), n: usize, sums: &[f64]| {
+            assert_eq!(found.0, n);
+            for (found, expected) in found.1.iter().zip(sums) {
+                assert!((found - expected).abs() < 2e-5, "{found} where {expected} was expected");
+            }
+        };
+        expect(
+            sum(valid::VELOCITY, |s| s.velocity_m_s.to_vec()),
+            215,
+            &[0.5267404958722182, 0.9251902831092593, 16.027262673804216],
+        );
+        expect(
+            sum(valid::POSITION, |s| s.position_m.to_vec()),
+            215,
+            &[4.268593340209918, 0.993495428469032, -69.77674569189548],
+        );
+        expect(
+            sum(valid::ANGULAR_VELOCITY, |s| s.angular_velocity_rad_s.to_vec()),
+            1558,
+            &[0.06134217012731824, -0.4914440525462851, 0.009814391309191706],
+        );
+        expect(
+            sum(valid::ATTITUDE, |s| s.attitude_wxyz.to_vec()),
+            622,
+            &[621.9658616781235, 0.8648783563203324, 1.2424542478111107, 6.198285951162688],
+        );
+        expect(
+            sum(valid::FORCE, |s| s.force_n.to_vec()),
+            1553,
+            &[-1.1369387961651953, 0.7132044084596662, -248.57209880570417],
+        );
+        // landed: false from 1710773367086000 to 1710773378478000; the first sample is at 1710773350354000.
+        let (start_s, end_s) = flight.airborne_s().unwrap();
+        assert!((start_s - 16.732).abs() < 0.02 && (end_s - 28.124).abs() < 0.02, "{start_s} {end_s}");
+    }
 }

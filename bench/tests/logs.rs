@@ -1,0 +1,149 @@
+//! Recorded flights as people have them: whole, cut off anywhere, of a kind that nobody named; and what is made of
+//! one by `bench tune`.
+
+mod common;
+
+use common::text;
+use sim_publisher::{Scenario, Simulation, SimulationOptions};
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+
+const DATA: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../shared/data");
+
+fn bench(arguments: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_bench")).args(arguments).output().unwrap()
+}
+
+/// The recorded flight of this name, unless it is not here.
+fn recorded(name: &str) -> Option<PathBuf> {
+    let path = Path::new(DATA).join(name);
+    if !path.exists() {
+        println!("skipped: {} is not here", path.display());
+    }
+    path.exists().then_some(path)
+}
+
+/// Pseudo-random places that are the same in every run (xorshift).
+fn places(length: usize) -> impl Iterator<Item = usize> {
+    let mut state = 0x9E37_79B9_7F4A_7C15_u64;
+    (0..20).map(move |_| {
+        state ^= state << 13;
+        state ^= state >> 7;
+        state ^= state << 17;
+        (state % length as u64) as usize
+    })
+}
+
+/// Cut off at 20 places: each is a sentence and exit code 1 or 2, or a flight that is shorter than the whole.
+fn cut_off(name: &str, arguments: &[&str]) {
+    let Some(path) = recorded(name) else { return };
+    let bytes = std::fs::read(&path).unwrap();
+    let directory = tempfile::tempdir().unwrap();
+    let file = directory.path().join(path.file_name().unwrap());
+    let replay = |length: usize| {
+        std::fs::write(&file, &bytes[..length]).unwrap();
+        bench(&[&["replay", file.to_str().unwrap(), "--json"], arguments].concat())
+    };
+    let samples = |output: &Output| {
+        let document: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+        document["samples"].as_u64().unwrap()
+    };
+    let whole = replay(bytes.len());
+    assert!(whole.status.success(), "{}", text(&whole.stderr));
+    let of_whole = samples(&whole);
+    let mut shorter = 0;
+    for place in places(bytes.len()) {
+        let output = replay(place);
+        let said = text(&output.stderr);
+        assert!(!said.contains("panicked"), "cut at {place}: {said}");
+        match output.status.code() {
+            Some(0) => {
+                assert!((1..=of_whole).contains(&samples(&output)), "cut at {place}");
+                shorter += 1;
+            }
+            Some(1 | 2) => assert!(said.trim().len() > 20, "cut at {place}: {said}"),
+            code => panic!("cut at {place}: {code:?}, {said}"),
+        }
+    }
+    println!("{name}: {of_whole} samples, {shorter} of 20 cut ones flew, the others were refused");
+    assert!((1..20).contains(&shorter), "{shorter} of 20 flew");
+}
+
+#[test]
+fn an_acsl_log_may_end_anywhere() {
+    cut_off("acsl/log_20240613_121802.log", &[]);
+}
+
+#[test]
+fn a_ulog_may_end_anywhere() {
+    cut_off("ulog/sample_px4_events.ulg", &["--mass-kg", "1.5"]);
+}
+
+/// Thirty seconds of the simulated rigid body as a table.
+fn simulated(directory: &Path) -> PathBuf {
+    let options = SimulationOptions { duration_s: Some(30.0), ..SimulationOptions::of(Scenario::RigidBody) };
+    let samples: Vec<_> =
+        Simulation::new(&options).unwrap().filter_map(|sample| sample.measurement).collect();
+    let path = directory.join("flight.csv");
+    sim_publisher::replay::write_table(std::fs::File::create(&path).unwrap(), &samples).unwrap();
+    path
+}
+
+#[test]
+fn tuning_mends_a_bad_start_on_the_half_that_it_never_saw() {
+    let directory = tempfile::tempdir().unwrap();
+    let flight = simulated(directory.path());
+    let preset = daemon::config::ConfigFile::preset("rigid-body").unwrap();
+    let start = directory.path().join("start.toml");
+    let text_of = |path: &Path| std::fs::read_to_string(path).unwrap();
+    // A tenth of the adaptation rate, and a mass a fifth too high.
+    let mut bad = preset.clone();
+    let translation = bad.config.translation.as_mut().unwrap();
+    translation.mass_kg *= 1.2;
+    translation.adaptation_rate_kg_s2 = daemon::config::SymmetricMatrix::Scalar(5.0);
+    std::fs::write(&start, bad.commented_toml()).unwrap();
+
+    let tuned = directory.path().join("tuned.toml");
+    let arguments = ["tune", flight.to_str().unwrap(), "--config", start.to_str().unwrap(), "--mass"];
+    let arguments = [&arguments, ["--coast-s", "1", "--json", "--out", tuned.to_str().unwrap()].as_slice()];
+    let output = bench(&arguments.concat());
+    assert!(output.status.success(), "{}", text(&output.stderr));
+    let document: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    let coast = |when: usize| document["second_half"][when]["coast_rms_m_s"].as_f64().unwrap();
+    println!("coast {} before, {} after; {}", coast(0), coast(1), document["values"]);
+    assert!(coast(1) < 0.7 * coast(0), "{} before, {} after", coast(0), coast(1));
+
+    // The configuration says so in its head, is one, and flies as promised.
+    assert!(text_of(&tuned).starts_with("# Tuned by `bench tune`"), "{}", text_of(&tuned));
+    assert!(text_of(&tuned).contains(&format!("{:.4} m/s before, {:.4} after", coast(0), coast(1))));
+    let replayed = bench(&[
+        "replay",
+        flight.to_str().unwrap(),
+        "--config",
+        tuned.to_str().unwrap(),
+        "--coast-s",
+        "1",
+        "--json",
+    ]);
+    assert!(replayed.status.success(), "{}", text(&replayed.stderr));
+    let replayed: serde_json::Value = serde_json::from_slice(&replayed.stdout).unwrap();
+    let again = replayed["estimators"][0]["coast_rms_m_s"].as_f64().unwrap();
+    assert!((again - coast(1)).abs() < 1e-3 * again, "{again} where {} was promised", coast(1));
+}
+
+#[test]
+fn tuning_says_why_it_cannot() {
+    let directory = tempfile::tempdir().unwrap();
+    let flight = simulated(directory.path());
+    let file = flight.to_str().unwrap();
+    for (arguments, needed) in [
+        (vec!["tune", file, "--coast-s", "6"], "four coasts"),
+        (vec!["tune", file, "--coast-s", "3"], "six coasts"),
+        (vec!["tune", file, "--coast-weight", "2"], "needed: 0 … 1"),
+        (vec!["tune", "/no/such.ulg"], "cannot read '/no/such.ulg'"),
+    ] {
+        let output = bench(&arguments);
+        let said = text(&output.stderr);
+        assert!(!output.status.success() && said.contains(needed), "{arguments:?}: {said}");
+    }
+}

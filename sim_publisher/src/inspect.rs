@@ -1,0 +1,382 @@
+//! What a log holds, and which options and numbers of a configuration follow from it.
+
+use crate::replay::{CsvMap, Format, ImportError, ImportOptions, column_names, read_flight, ulog_contents};
+use serde::Serialize;
+use shared_types::Measurement;
+use shared_types::payload::{frame, valid};
+use std::fmt;
+use std::path::Path;
+
+/// One measured quantity of a log.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Quantity {
+    /// Which, with its unit.
+    pub name: &'static str,
+    /// Samples that carry it.
+    pub samples: usize,
+    /// One over the median time between two of them; `None` for fewer than two (Hz).
+    pub rate_hz: Option<f64>,
+    /// Longest time between two of them (s).
+    pub longest_gap_s: f64,
+    /// Least value of each component.
+    pub lowest: Vec<f64>,
+    /// Greatest value of each component.
+    pub highest: Vec<f64>,
+}
+
+/// What a log holds.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Findings {
+    /// Which file.
+    pub file: String,
+    /// How it is written.
+    pub format: String,
+    /// Samples that can be published; 0 where the table's columns are not named yet.
+    pub samples: usize,
+    /// From the first to the last one (s).
+    pub duration_s: f64,
+    /// The time in the air, where the format tells (s).
+    pub airborne_s: Option<(f64, f64)>,
+    /// What is measured.
+    pub quantities: Vec<Quantity>,
+    /// Rows and values that cannot be used, and what the file lacks.
+    pub remarks: Vec<String>,
+    /// Topics of the log, with the number of their messages; columns of a table.
+    pub contents: Vec<String>,
+    /// How to go on.
+    pub commands: Vec<String>,
+    /// Lines of a configuration that follow from the log's rates.
+    pub configuration: Vec<String>,
+}
+
+/// Looks into a log.
+///
+/// # Errors
+/// As [`read_flight`]; a table whose columns are not named is no error.
+pub fn inspect(format: Format, path: &Path, options: &ImportOptions) -> Result<Findings, ImportError> {
+    let file = path.display().to_string();
+    let mut contents = Vec::new();
+    let mut has_unused_thrust = false;
+    let read = || std::fs::read(path).map_err(|source| ImportError::Io { path: file.clone(), source });
+    match format {
+        Format::Ulog => {
+            let ulog = ulog_contents(&read()?);
+            has_unused_thrust = options.thrust_n.or(options.mass_kg).is_none();
+            contents.extend(ulog.topics.iter().map(|(topic, n)| format!("{topic} ({n})")));
+            contents.extend(ulog.hover_thrust.map(|thrust| format!("hover thrust {thrust:.3}")));
+        }
+        Format::Csv => {
+            let map = CsvMap::read(options.map.as_deref(), &options.column)?;
+            contents = column_names(&read()?, &map)?;
+        }
+        Format::Acsl | Format::Record => {}
+    }
+    let flight = match read_flight(format, path, options) {
+        Err(ImportError::Map(error)) if format == Format::Csv && options.map.is_none() => {
+            return Ok(unnamed_columns(file, &error.to_string(), contents, options));
+        }
+        other => other?,
+    };
+    let shown = shell_word(&file);
+
+    let quantities = quantities(&flight.samples);
+    let mut remarks = flight.remarks.clone();
+    if flight.skipped_rows() > 0 {
+        remarks.push(flight.skipped.to_string());
+    }
+    if flight.values_not_finite > 0 {
+        remarks.push(format!(
+            "{} values not finite; their fields carry no measurement",
+            flight.values_not_finite
+        ));
+    }
+    let import = import_arguments(options, has_unused_thrust);
+    let airborne = if flight.airborne.is_some() { " --airborne-only" } else { "" };
+    let has = |bit: u32| flight.samples.iter().any(|sample| sample.has(bit));
+    let mut commands = vec![format!("sim_publisher replay {shown}{import}{airborne}")];
+    if has(valid::VELOCITY) && (has(valid::FORCE) || has_unused_thrust) {
+        commands.push(format!("bench replay {shown}{import} --config vehicle.toml"));
+        commands.push(format!("bench tune {shown}{import} --config vehicle.toml"));
+    }
+    Ok(Findings {
+        format: name_of(format),
+        samples: flight.samples.len(),
+        duration_s: flight.duration_s(),
+        airborne_s: flight.airborne_s(),
+        configuration: configuration(&quantities),
+        quantities,
+        remarks,
+        contents,
+        commands,
+        file,
+    })
+}
+
+/// Of a table whose columns nobody has named yet: what they may be.
+fn unnamed_columns(file: String, error: &str, columns: Vec<String>, options: &ImportOptions) -> Findings {
+    let mut remarks = vec![error.to_owned()];
+    let separator = match &columns[..] {
+        [only] => [';', '\t', ' ', '|'].into_iter().find(|&separator| only.contains(separator)),
+        _ => None,
+    };
+    let mut pairs: Vec<String> = options.column.clone();
+    if let Some(separator) = separator {
+        remarks.push("a single column; the command below tries another separator".into());
+        pairs.push(format!("separator={separator}"));
+    } else {
+        let guesses = guesses(&columns);
+        if !guesses.is_empty() {
+            remarks.push(
+                "the columns below are guessed from their names: check them, their units (SI) and axes"
+                    .into(),
+            );
+        }
+        let key_of = |pair: &String| pair.split('=').next().unwrap_or_default().to_owned();
+        let given: Vec<String> = pairs.iter().map(key_of).collect();
+        pairs.extend(
+            guesses
+                .into_iter()
+                .filter(|(key, _)| !given.contains(key))
+                .map(|(key, column)| format!("{key}={column}")),
+        );
+    }
+    let arguments = import_arguments(&ImportOptions { column: pairs.clone(), ..options.clone() }, false);
+    let commands = match pairs.len() > options.column.len() {
+        true => vec![format!("sim_publisher inspect {}{arguments}", shell_word(&file))],
+        false => vec![
+            "sim_publisher inspect FILE --column KEY=COLUMN … (keys: sim_publisher replay --help)".into(),
+        ],
+    };
+    Findings {
+        file,
+        format: name_of(Format::Csv),
+        samples: 0,
+        duration_s: 0.0,
+        airborne_s: None,
+        quantities: Vec::new(),
+        remarks,
+        contents: columns,
+        commands,
+        configuration: Vec::new(),
+    }
+}
+
+fn name_of(format: Format) -> String {
+    use clap::ValueEnum;
+    format.to_possible_value().map_or_else(String::new, |value| value.get_name().to_owned())
+}
+
+/// The options that were given, and for a ULog without them what is still needed.
+fn import_arguments(options: &ImportOptions, lacks_thrust: bool) -> String {
+    let mut arguments = String::new();
+    for pair in &options.column {
+        arguments += &format!(" --column {}", shell_word(pair));
+    }
+    if let Some(map) = &options.map {
+        arguments += &format!(" --map {}", shell_word(&map.display().to_string()));
+    }
+    for (option, value) in [("--thrust-n", options.thrust_n), ("--mass-kg", options.mass_kg)] {
+        arguments += &value.map_or(String::new(), |value| format!(" {option} {value}"));
+    }
+    if let Some([x, y, z]) = options.torque_n_m {
+        arguments += &format!(" --torque-n-m {x},{y},{z}");
+    }
+    if lacks_thrust {
+        arguments += " --mass-kg KG";
+    }
+    arguments
+}
+
+/// A word as a shell reads it.
+fn shell_word(text: &str) -> String {
+    let is_plain = |c: char| c.is_alphanumeric() || "-_./=:,+".contains(c);
+    if !text.is_empty() && text.chars().all(is_plain) {
+        return text.to_owned();
+    }
+    format!("'{}'", text.replace('\'', r"'\''"))
+}
+
+fn quantities(samples: &[Measurement]) -> Vec<Quantity> {
+    let velocity = match samples.iter().find(|sample| sample.has(valid::VELOCITY)) {
+        Some(sample) if sample.velocity_frame == frame::BODY => "velocity, body axes (m/s)",
+        _ => "velocity, inertial axes (m/s)",
+    };
+    type Values = fn(&Measurement) -> Vec<f64>;
+    let kinds: [(&str, u32, Values); 6] = [
+        (velocity, valid::VELOCITY, |sample| sample.velocity_m_s.to_vec()),
+        ("angular velocity (rad/s)", valid::ANGULAR_VELOCITY, |sample| {
+            sample.angular_velocity_rad_s.to_vec()
+        }),
+        ("position (m)", valid::POSITION, |sample| sample.position_m.to_vec()),
+        ("attitude w, x, y, z", valid::ATTITUDE, |sample| sample.attitude_wxyz.to_vec()),
+        ("force (N)", valid::FORCE, |sample| sample.force_n.to_vec()),
+        ("torque (N m)", valid::TORQUE, |sample| sample.torque_n_m.to_vec()),
+    ];
+    kinds.into_iter().filter_map(|(name, bit, values)| quantity(name, samples, bit, values)).collect()
+}
+
+fn quantity(
+    name: &'static str,
+    samples: &[Measurement],
+    bit: u32,
+    values: fn(&Measurement) -> Vec<f64>,
+) -> Option<Quantity> {
+    let carrying: Vec<_> = samples.iter().filter(|sample| sample.has(bit)).collect();
+    let mut intervals_ns: Vec<u64> =
+        carrying.windows(2).map(|pair| pair[1].stamp_ns - pair[0].stamp_ns).collect();
+    intervals_ns.sort_unstable();
+    let extreme = |extreme: fn(f64, f64) -> f64| {
+        let all = carrying.iter().map(|sample| values(sample));
+        all.reduce(|a, b| a.into_iter().zip(b).map(|(a, b)| extreme(a, b)).collect())
+    };
+    Some(Quantity {
+        name,
+        samples: carrying.len(),
+        rate_hz: intervals_ns.get(intervals_ns.len() / 2).map(|&ns| 1e9 / ns as f64),
+        longest_gap_s: intervals_ns.last().map_or(0.0, |&ns| ns as f64 * 1e-9),
+        lowest: extreme(f64::min)?,
+        highest: extreme(f64::max)?,
+    })
+}
+
+/// The keys that say how often a channel is measured.
+fn configuration(quantities: &[Quantity]) -> Vec<String> {
+    let rate_of = |start: &str| {
+        let quantity = quantities.iter().find(|quantity| quantity.name.starts_with(start))?;
+        quantity.rate_hz
+    };
+    let line = |section: &str, rate_hz: f64| format!("[{section}] sample_rate_hz = {:.1}", rate_hz);
+    let translation = rate_of("velocity").map(|rate_hz| line("translation", rate_hz));
+    let rotation = rate_of("angular velocity").map(|rate_hz| line("rotation", rate_hz));
+    translation.into_iter().chain(rotation).collect()
+}
+
+/// Which column may be meant for which key, from its name alone.
+fn guesses(columns: &[String]) -> Vec<(String, String)> {
+    const KINDS: [(&str, &[&str]); 6] = [
+        ("angular_velocity", &["angularvelocity", "angvel", "gyro", "omega", "bodyrate", "rate"]),
+        ("velocity", &["linearvelocity", "velocity", "vel", "v"]),
+        ("position", &["position", "pos", "p", ""]),
+        ("attitude", &["quaternion", "attitude", "orientation", "quat", "q"]),
+        ("force", &["force", "thrust", "f"]),
+        ("torque", &["torque", "moment", "tau"]),
+    ];
+    let mut found: Vec<(String, String)> = Vec::new();
+    for column in columns {
+        let bare = column.split(['[', '(']).next().unwrap_or(column).to_lowercase();
+        let letters: String = bare.chars().filter(|c| c.is_alphanumeric()).collect();
+        if ["time", "times", "t", "timestamp", "timesec"].contains(&letters.as_str()) {
+            found.push(("time_s".into(), column.clone()));
+            continue;
+        }
+        let mut chars = letters.chars();
+        let Some(last) = chars.next_back() else { continue };
+        let stem = chars.as_str();
+        let Some((kind, _)) = KINDS.iter().find(|(_, names)| names.contains(&stem)) else { continue };
+        let axis = match (last, *kind) {
+            ('0', "attitude") => 'w',
+            ('1', "attitude") | ('0', _) => 'x',
+            ('2', "attitude") | ('1', _) => 'y',
+            ('3', "attitude") | ('2', _) => 'z',
+            ('x' | 'y' | 'z', _) | ('w', "attitude") => last,
+            _ => continue,
+        };
+        let key = format!("{kind}_{axis}");
+        if !found.iter().any(|(known, _)| *known == key) {
+            found.push((key, column.clone()));
+        }
+    }
+    found
+}
+
+impl fmt::Display for Findings {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}: {}", self.file, self.format)?;
+        if self.samples > 0 {
+            write!(f, ", {} samples in {:.2} s", self.samples, self.duration_s)?;
+        }
+        if let Some((start_s, end_s)) = self.airborne_s {
+            write!(f, ", in the air from {start_s:.2} to {end_s:.2} s")?;
+        }
+        writeln!(f)?;
+        if !self.quantities.is_empty() {
+            writeln!(
+                f,
+                "\n{:<30}{:>8}{:>9}{:>9}  range of each component",
+                "", "samples", "rate Hz", "gap s"
+            )?;
+        }
+        for quantity in &self.quantities {
+            let Quantity { name, samples, rate_hz, longest_gap_s, lowest, highest } = quantity;
+            let rate = rate_hz.map_or("-".into(), |rate_hz| format!("{rate_hz:.1}"));
+            write!(f, "{name:<30}{samples:>8}{rate:>9}{longest_gap_s:>9.3} ")?;
+            for (low, high) in lowest.iter().zip(highest) {
+                write!(f, " {low:.3}…{high:.3}")?;
+            }
+            writeln!(f)?;
+        }
+        for remark in &self.remarks {
+            writeln!(f, "\n! {remark}")?;
+        }
+        if !self.contents.is_empty() {
+            // Names from a file may hold anything, also what a terminal obeys.
+            writeln!(f, "\nIn it: {}", self.contents.join(", ").replace(char::is_control, "·"))?;
+        }
+        if !self.configuration.is_empty() {
+            writeln!(f, "\nIn the configuration:")?;
+        }
+        for line in &self.configuration {
+            writeln!(f, "  {line}")?;
+        }
+        writeln!(f, "\nNext:")?;
+        for command in &self.commands {
+            writeln!(f, "  {command}")?;
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn inspected(text: &str, pairs: &[&str]) -> Findings {
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("a flight.csv");
+        std::fs::write(&path, text).unwrap();
+        let column = pairs.iter().map(|pair| (*pair).to_owned()).collect();
+        inspect(Format::Csv, &path, &ImportOptions { column, ..ImportOptions::default() }).unwrap()
+    }
+
+    #[test]
+    fn columns_are_guessed_from_their_names() {
+        let names =
+            ["t", "Velocity x [m/s]", "vel.y", "v_z", "q0", "q3", "gyro_x", "Pos Z", "thrust_z", "humidity"];
+        let found = guesses(&names.map(str::to_owned));
+        let keys: Vec<_> = found.iter().map(|(key, _)| key.as_str()).collect();
+        let expected = ["time_s", "velocity_x", "velocity_y", "velocity_z", "attitude_w", "attitude_z"];
+        assert_eq!(keys, [&expected[..], &["angular_velocity_x", "position_z", "force_z"]].concat());
+    }
+
+    #[test]
+    fn a_table_is_led_to_a_command_that_reads_it() {
+        let text = "t;vx;vy;vz\n0;1;2;3\n0.1;1;2;3\n0.4;2;2;3\n";
+        let first = inspected(text, &[]);
+        assert!(first.commands[0].ends_with("a flight.csv' --column 'separator=;'"), "{first}");
+        let second = inspected(text, &["separator=;"]);
+        assert!(second.commands[0].ends_with("--column velocity_y=vy --column velocity_z=vz"), "{second}");
+        let pairs = ["separator=;", "time_s=t", "velocity_x=vx", "velocity_y=vy", "velocity_z=vz"];
+        let third = inspected(text, &pairs);
+        assert_eq!((third.samples, third.quantities.len()), (3, 1));
+        let velocity = &third.quantities[0];
+        assert_eq!((velocity.lowest[0], velocity.highest[0]), (1.0, 2.0));
+        assert!((velocity.longest_gap_s - 0.3).abs() < 1e-9 && velocity.samples == 3, "{third}");
+        assert_eq!(third.configuration.len(), 1);
+    }
+
+    #[test]
+    fn nothing_in_a_file_reaches_the_terminal_as_an_order() {
+        let found = inspected("\u{1b}[2Jboom,b\n1,2\n", &[]);
+        assert!(found.contents[0].contains('\u{1b}') && !found.to_string().contains('\u{1b}'), "{found}");
+    }
+}
