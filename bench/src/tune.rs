@@ -28,8 +28,9 @@ use indicatif::{ProgressBar, ProgressStyle};
 use nalgebra::Vector3;
 use serde::Serialize;
 use shared_types::outln;
-use std::cell::RefCell;
 use std::path::PathBuf;
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicUsize, Ordering};
 
 /// Blocks of the cross-validation.
 const N_BLOCKS: usize = 3;
@@ -44,6 +45,8 @@ const STARTS: [[f64; 5]; 4] =
     [[1.0; 5], [1.0, 0.1, 1.0, 1.0, 1.0], [2.0, 1.0, 2.0, 0.5, 1.0], [0.5, 0.2, 0.5, 1.0, 1.0]];
 /// Errors below this count alike (m/s).
 const LEAST_ERROR_M_S: f64 = 1e-6;
+/// A search that panics ends the program.
+const UNPOISONED: &str = "no search panicked";
 /// Edge of the first simplex, as a factor.
 const EDGE: f64 = 1.6;
 
@@ -128,8 +131,8 @@ struct Search<'a> {
     coast_weight: f64,
     with_mass: bool,
     reference: Vec<[f64; 2]>,
-    tried: RefCell<Vec<Tried>>,
-    refused: RefCell<usize>,
+    tried: Mutex<Vec<Tried>>,
+    refused: AtomicUsize,
     bar: &'a ProgressBar,
 }
 
@@ -158,15 +161,16 @@ pub fn run(arguments: &TuneArguments) -> anyhow::Result<()> {
         coast_weight: weight,
         with_mass: arguments.mass,
         reference: Vec::new(),
-        tried: RefCell::default(),
-        refused: RefCell::default(),
+        tried: Mutex::default(),
+        refused: AtomicUsize::default(),
         bar: &bar,
     };
     search.reference = block_errors(&first_half, &start)?;
-    let n_evaluations = search.descend(arguments.evaluations)?;
+    search.descend(arguments.evaluations)?;
     bar.finish_and_clear();
 
-    let tried = search.tried.take();
+    let tried = std::mem::take(search.tried.get_mut().expect(UNPOISONED));
+    let n_refused = *search.refused.get_mut();
     let (price, cross_validated_cost) = search.price(&tried);
     let chosen = search.best_of(&tried, None, price).context("every configuration was refused")?;
     let coordinates = &chosen.coordinates;
@@ -185,8 +189,8 @@ pub fn run(arguments: &TuneArguments) -> anyhow::Result<()> {
         start: start.name().to_owned(),
         improved,
         written: None,
-        evaluations: n_evaluations,
-        refused_as_unstable_or_out_of_bounds: search.refused.take(),
+        evaluations: tried.len() + n_refused,
+        refused_as_unstable_or_out_of_bounds: n_refused,
         coast_s: flight.coast_s,
         tuned_on: [errors(&start, &first_half)?, errors(&tuned, &first_half)?],
         price,
@@ -292,39 +296,41 @@ impl Search<'_> {
         file
     }
 
-    /// Nelder–Mead from each start, then once more from the best of all.
-    fn descend(&self, n_evaluations: u64) -> anyhow::Result<usize> {
-        let mut n_done = 0;
+    /// Nelder–Mead from each start, all at once, then once more from the best of all.
+    fn descend(&self, n_evaluations: u64) -> anyhow::Result<()> {
         let each = n_evaluations / (STARTS.len() as u64 + 1);
-        for round in 0..=STARTS.len() {
-            let corner = match STARTS.get(round) {
-                Some(factors) => {
-                    let mut corner: Vec<f64> = factors.iter().map(|factor| factor.ln()).collect();
-                    corner[4] += self.start_spacing.ln();
-                    corner.extend(self.with_mass.then_some(0.0));
-                    corner
-                }
-                None => match self.best_of(&self.tried.borrow(), None, 0.0) {
-                    Some(tried) => tried.coordinates.clone(),
-                    None => break,
-                },
-            };
-            let mut simplex = vec![corner.clone()];
-            for axis in 0..corner.len() {
-                let edge = if axis == 5 { 1.05_f64.ln() } else { EDGE.ln() };
-                let mut point = corner.clone();
-                point[axis] += if axis % 2 == 0 { edge } else { -edge };
-                simplex.push(point);
-            }
-            // An iteration of Nelder–Mead costs one or two evaluations, a shrinking more.
-            let solver = NelderMead::new(simplex).with_sd_tolerance(1e-4)?;
-            let before = self.tried.borrow().len() + *self.refused.borrow();
-            let result =
-                Executor::new(Shared(self), solver).configure(|state| state.max_iters(each * 2 / 3)).run()?;
-            ensure!(result.state().get_best_cost().is_finite(), "the search found no finite cost");
-            n_done += self.tried.borrow().len() + *self.refused.borrow() - before;
+        let corner = |factors: [f64; 5]| {
+            let mut corner: Vec<f64> = factors.iter().map(|factor| factor.ln()).collect();
+            corner[4] += self.start_spacing.ln();
+            corner.extend(self.with_mass.then_some(0.0));
+            corner
+        };
+        std::thread::scope(|scope| {
+            let searches =
+                STARTS.map(|factors| scope.spawn(move || self.descend_from(corner(factors), each)));
+            searches.into_iter().try_for_each(|search| search.join().expect("a search does not panic"))
+        })?;
+        let best = self
+            .best_of(&self.tried.lock().expect(UNPOISONED), None, 0.0)
+            .map(|tried| tried.coordinates.clone());
+        best.map_or(Ok(()), |best| self.descend_from(best, each))
+    }
+
+    fn descend_from(&self, corner: Vec<f64>, n_evaluations: u64) -> anyhow::Result<()> {
+        let mut simplex = vec![corner.clone()];
+        for axis in 0..corner.len() {
+            let edge = if axis == 5 { 1.05_f64.ln() } else { EDGE.ln() };
+            let mut point = corner.clone();
+            point[axis] += if axis % 2 == 0 { edge } else { -edge };
+            simplex.push(point);
         }
-        Ok(n_done)
+        // An iteration of Nelder–Mead costs one or two evaluations, a shrinking more.
+        let solver = NelderMead::new(simplex).with_sd_tolerance(1e-4)?;
+        let result = Executor::new(Shared(self), solver)
+            .configure(|state| state.max_iters(n_evaluations * 2 / 3))
+            .run()?;
+        ensure!(result.state().get_best_cost().is_finite(), "the search found no finite cost");
+        Ok(())
     }
 
     /// Mean over the blocks, or over all but one.
@@ -393,11 +399,11 @@ impl CostFunction for Shared<'_, '_> {
         let config = search.values(coordinates).map(|values| search.config(&values));
         let blocks = config.and_then(|config| block_errors(search.flight, &config).ok());
         let Some(blocks) = blocks.filter(|blocks| blocks.iter().flatten().all(|e| e.is_finite())) else {
-            *search.refused.borrow_mut() += 1;
+            search.refused.fetch_add(1, Ordering::Relaxed);
             return Ok(REFUSED + far);
         };
         let cost = search.cost_of(&blocks, None);
-        let mut tried = search.tried.borrow_mut();
+        let mut tried = search.tried.lock().expect(UNPOISONED);
         tried.push(Tried { coordinates: coordinates.clone(), blocks });
         let best = search.best_of(&tried, None, 0.0).map_or(cost, |best| search.cost_of(&best.blocks, None));
         search.bar.set_message(format!("{:.1} % off the start's errors", 100.0 * (1.0 - best.exp())));
