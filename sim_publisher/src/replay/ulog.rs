@@ -96,34 +96,54 @@ fn read(bytes: &[u8]) -> (Vec<(u64, Event)>, UlogContents) {
     (events, UlogContents { topics, dropouts, dropouts_ms, ended_by, hover_thrust })
 }
 
-/// Feeds the log: up to its appended sections, if it has some (of a crash), then those.
+/// Feeds the log: up to its appended sections, if it has some (of a crash), then those. Of the messages only those that
+/// are needed: px4-ulog 0.6.1 takes the shape of the others (parameters, texts) for granted.
 fn consume(parser: &mut LogParser<'_>, bytes: &[u8]) -> Result<(), String> {
-    // Byte by byte until the header says where sections begin.
-    let mut fed = 0;
-    while fed < bytes.len() && !parser.header_complete() {
-        parser.consume_bytes(&bytes[fed..=fed]).map_err(|error| error.to_string())?;
-        fed += 1;
+    const HEADER_BYTES: usize = 16;
+    let (header, mut rest) = bytes.split_at(bytes.len().min(HEADER_BYTES));
+    parser.consume_bytes(header).map_err(|error| error.to_string())?;
+    if header.len() < HEADER_BYTES {
+        return Err(format!("{} bytes", bytes.len()));
     }
-    let mut starts: Vec<usize> = parser
-        .appended_offsets()
-        .iter()
-        .filter_map(|&offset| usize::try_from(offset).ok())
-        .filter(|&offset| offset > fed && offset < bytes.len())
-        .collect();
-    starts.sort_unstable();
-    starts.dedup();
-    starts.push(bytes.len());
-    for end in starts {
-        parser.consume_bytes(&bytes[fed..end]).map_err(|error| error.to_string())?;
-        if parser.has_leftover() {
-            parser.clear_leftover();
-            if end == bytes.len() {
+    let mut ends = Vec::new();
+    while !rest.is_empty() {
+        let position = bytes.len() - rest.len();
+        let section = &rest[..ends.first().map_or(rest.len(), |&end: &usize| end - position)];
+        let Some(message) = first_message(section) else {
+            if section.len() == rest.len() {
                 return Err("the file ends within a message".into());
             }
+            rest = &rest[section.len()..];
+            ends.remove(0);
+            continue;
+        };
+        match message[2] {
+            b'A' if message.len() < 3 + 4 => {
+                return Err(format!("a subscription without a topic at byte {position}"));
+            }
+            b'B' | b'F' | b'A' | b'D' | b'O' => {
+                parser.consume_bytes(message).map_err(|error| format!("{error} at byte {position}"))?;
+            }
+            _ => {}
         }
-        fed = end;
+        rest = &rest[message.len()..];
+        if message[2] == b'B' {
+            let offsets = parser.appended_offsets().iter().filter_map(|&offset| usize::try_from(offset).ok());
+            ends =
+                offsets.filter(|offset| (position + message.len()..bytes.len()).contains(offset)).collect();
+            ends.sort_unstable();
+            ends.dedup();
+        }
+        let position = bytes.len() - rest.len();
+        ends.retain(|&end| end > position);
     }
     Ok(())
+}
+
+/// The first message of a section, with its size and kind, if it is whole.
+fn first_message(section: &[u8]) -> Option<&[u8]> {
+    let size = section.first_chunk::<2>().map(|size| usize::from(u16::from_le_bytes(*size)))?;
+    section.get(..3 + size)
 }
 
 /// The time (µs) and content of a message, if it matters and is whole.
