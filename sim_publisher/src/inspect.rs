@@ -95,8 +95,10 @@ pub fn inspect(format: Format, path: &Path, options: &ImportOptions) -> Result<F
     let has = |bit: u32| flight.samples.iter().any(|sample| sample.has(bit));
     let mut commands = vec![format!("sim_publisher replay {shown}{import}{airborne}")];
     if has(valid::VELOCITY) && (has(valid::FORCE) || has_unused_thrust) {
-        commands.push(format!("bench replay {shown}{import} --config vehicle.toml"));
-        commands.push(format!("bench tune {shown}{import} --config vehicle.toml"));
+        // A flight record has its own.
+        let config = if format == Format::Record { "" } else { " --config vehicle.toml" };
+        commands.push(format!("bench replay {shown}{import}{config}"));
+        commands.push(format!("bench tune {shown}{import}{config}"));
     }
     Ok(Findings {
         format: name_of(format),

@@ -390,9 +390,12 @@ impl Collector {
     }
 }
 
-/// The quaternion of unit norm, where it is one within 5 %: logs round their values.
+/// The quaternion of unit norm, where it is one within 5 %: logs round their values. One of unit norm stays as it is.
 fn unit(wxyz: [f64; 4]) -> Option<[f64; 4]> {
     let norm = wxyz.iter().map(|x| x * x).sum::<f64>().sqrt();
+    if (norm - 1.0).abs() < 1e-9 {
+        return Some(wxyz);
+    }
     ((norm - 1.0).abs() < 0.05).then(|| wxyz.map(|x| x / norm))
 }
 

@@ -2,6 +2,8 @@
 
 use super::{Collector, ImportError, Place, RecordedFlight};
 use daemon::record::{Entry, Frame, Reader};
+use shared_types::Measurement;
+use shared_types::payload::valid;
 use std::io::Cursor;
 
 pub(super) fn parse(bytes: &[u8], path: &str) -> Result<RecordedFlight, ImportError> {
@@ -15,6 +17,7 @@ pub(super) fn parse(bytes: &[u8], path: &str) -> Result<RecordedFlight, ImportEr
             Frame::Entry(entry) => match *entry {
                 Entry::Sample { measurement, .. } => {
                     n_samples += 1;
+                    let measurement = without_values_not_finite(measurement, &mut flight);
                     flight.add(n_samples, i128::from(measurement.stamp_ns), measurement);
                 }
                 Entry::Missing(ticks) => ticks_left_out += ticks,
@@ -35,4 +38,73 @@ pub(super) fn parse(bytes: &[u8], path: &str) -> Result<RecordedFlight, ImportEr
         flight.remarks.push(format!("{sessions} starts of the service, one after the other"));
     }
     flight.finish(path, None)
+}
+
+/// As other importers do: a field with a value that is not finite carries no measurement.
+fn without_values_not_finite(mut sample: Measurement, flight: &mut Collector) -> Measurement {
+    let fields: [(u32, &[f64]); 8] = [
+        (valid::VELOCITY, &sample.velocity_m_s),
+        (valid::ANGULAR_VELOCITY, &sample.angular_velocity_rad_s),
+        (valid::POSITION, &sample.position_m),
+        (valid::ATTITUDE, &sample.attitude_wxyz),
+        (valid::FORCE, &sample.force_n),
+        (valid::TORQUE, &sample.torque_n_m),
+        (valid::OUTPUT, &sample.output),
+        (valid::INPUT, &sample.input),
+    ];
+    let not_finite = fields
+        .into_iter()
+        .filter(|(bit, values)| sample.has(*bit) && !values.iter().all(|value| value.is_finite()))
+        .fold(0, |bits, (bit, _)| bits | bit);
+    sample.valid &= !not_finite;
+    flight.values_not_finite += not_finite.count_ones() as usize;
+    sample
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use daemon::config::ConfigFile;
+    use daemon::record::{Session, recorder};
+    use std::sync::atomic::AtomicBool;
+
+    /// A record of one session with these samples.
+    fn record(samples: &[Measurement]) -> Vec<u8> {
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("flight.rec");
+        let session = Session::of(&ConfigFile::preset("auv").unwrap().config, "vehicle", None);
+        let (mut ring, recorder, _) = recorder(&path, &session, 200.0).unwrap();
+        for &measurement in samples {
+            ring.begin_tick(&Entry::Begin { wake_ns: measurement.stamp_ns, late_ticks_in_a_row: 0 });
+            ring.push(|| Entry::Sample { source: 7, measurement });
+        }
+        recorder.run(&AtomicBool::new(true));
+        std::fs::read(path).unwrap()
+    }
+
+    #[test]
+    fn samples_come_back_to_the_bit() {
+        let attitude = [0.6, 0.0, 0.8, 0.0];
+        let sample = |j: u64| {
+            Measurement::at(1_000_000 + 7 * j, 40 + j)
+                .with_velocity_m_s([0.1 + j as f64 / 3.0, -0.0, 1e-300])
+                .with_attitude_wxyz(attitude)
+        };
+        let lost = sample(3).with_velocity_m_s([f64::NAN, 0.0, 0.0]);
+        let older = sample(0);
+        let bytes = record(&[sample(0), sample(1), sample(2), lost, older]);
+        let flight = parse(&bytes, "flight.rec").unwrap();
+        assert_eq!((flight.samples.len(), flight.skipped_rows(), flight.values_not_finite), (4, 1, 1));
+        assert!(flight.skipped.to_string().contains("(first: sample 5)"), "{}", flight.skipped);
+        for (j, found) in (0..3).zip(&flight.samples) {
+            let expected = Measurement { stamp_ns: 7 * j, sequence: j, ..sample(j) };
+            assert_eq!(format!("{found:?}"), format!("{expected:?}"));
+        }
+        assert!(flight.samples[3].has(valid::ATTITUDE) && !flight.samples[3].has(valid::VELOCITY));
+        // Torn: shorter, and said; a text: a sentence.
+        let torn = parse(&bytes[..bytes.len() - 3], "flight.rec").unwrap();
+        assert_eq!((torn.samples.len(), torn.remarks.len()), (4, 1));
+        let error = parse(b"time,vx\n", "flight.csv").unwrap_err().to_string();
+        assert!(error.contains("no flight record") && error.contains("daemon run --record"), "{error}");
+    }
 }
