@@ -10,6 +10,7 @@
 //! | [`faults`] | what goes wrong on purpose, and when: a pure stage between samples and publication |
 //! | [`simulation`] | all of them together: an iterator over samples, without clock or files |
 //! | [`replay`] | recorded flights as samples |
+//! | [`mavlink`] | a live vehicle as samples, and the estimate back to it |
 //! | [`publish`] | samples into shared memory, each at its own stamp |
 //! | [`supervise`] | the publishing process stopped, killed and started again, on purpose |
 //! | [`cli`] | the program |
@@ -31,6 +32,7 @@
 pub mod cli;
 pub mod disturbance;
 pub mod faults;
+pub mod mavlink;
 pub mod plant;
 pub mod publish;
 pub mod replay;

@@ -1,0 +1,632 @@
+//! What is done with what arrives: which vehicle is followed, which messages make a sample, and when it was. Time and
+//! bytes are arguments; nothing here waits, reads a clock or sends.
+//!
+//! LOCAL_POSITION_NED and ATTITUDE(_QUATERNION) come each at its own time. Those whose times differ by no more than the
+//! stated tolerance are one sample, at the newer time; a sample waits no longer than the tolerance for its other half,
+//! and not at all where the vehicle sends no other half. ODOMETRY is whole, and while it comes the others are not used.
+
+use super::clock::{Observed, VehicleClock};
+use super::convert::{self, Motion};
+use super::frames::{Decoder, Frame, FrameTally};
+use mavlink::MessageData;
+use mavlink::dialects::common::{
+    ACTUATOR_CONTROL_TARGET_DATA, ATTITUDE_DATA, ATTITUDE_QUATERNION_DATA, ATTITUDE_TARGET_DATA,
+    COMMAND_ACK_DATA, COMMAND_LONG_DATA, HEARTBEAT_DATA, LOCAL_POSITION_NED_DATA, MavAutopilot, MavCmd,
+    MavFrame, MavMessage, MavResult, ODOMETRY_DATA, TIMESYNC_DATA,
+};
+use shared_types::Measurement;
+use shared_types::payload::valid;
+use std::collections::{BTreeMap, BTreeSet};
+use std::net::SocketAddr;
+
+/// Senders whose unfinished frames are kept apart.
+const MAX_PEERS: usize = 16;
+/// Systems and messages that are remembered by name.
+const MAX_NAMES: usize = 64;
+/// What was not heard for so long does not come any more, and a set-point as old as this is not used (ns).
+const RECENT_NS: u64 = 1_000_000_000;
+/// How long an answer to a request is waited for, and how often it is asked for (ns).
+const ANSWER_NS: u64 = 1_000_000_000;
+const MOST_REQUESTS: u32 = 5;
+
+/// Where bytes come from: an address, or the one other end of a serial line.
+pub type Peer = Option<SocketAddr>;
+
+/// Which messages are taken.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, clap::ValueEnum)]
+pub enum Source {
+    /// ODOMETRY where it comes, else the others
+    #[default]
+    Auto,
+    /// ODOMETRY alone
+    Odometry,
+    /// LOCAL_POSITION_NED with ATTITUDE_QUATERNION or ATTITUDE
+    LocalPosition,
+}
+
+/// What to take, and how.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Settings {
+    /// The vehicle; `None` for the first autopilot that is heard.
+    pub system_id: Option<u8>,
+    /// Which part of it.
+    pub component_id: u8,
+    /// Which messages.
+    pub source: Source,
+    /// Times that differ by no more than this are one sample (ns).
+    pub join_ns: u64,
+    /// Force of a thrust set-point of 1 (N).
+    pub thrust_n: Option<f64>,
+    /// Torque of a torque set-point of 1 (N·m), about each axis of the body.
+    pub torque_n_m: Option<[f64; 3]>,
+    /// How often the vehicle is asked to send what is taken (Hz).
+    pub request_rate_hz: Option<f64>,
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Self {
+            system_id: None,
+            component_id: 1,
+            source: Source::Auto,
+            join_ns: 5_000_000,
+            thrust_n: None,
+            torque_n_m: None,
+            request_rate_hz: None,
+        }
+    }
+}
+
+/// What came, and what became of it.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Tally {
+    /// Messages of the vehicle, by name.
+    pub messages: BTreeMap<&'static str, u64>,
+    /// Frames of other systems, or of other parts of the vehicle.
+    pub frames_of_others: u64,
+    /// Frames of the vehicle that are missing in its own count.
+    pub frames_lost: u64,
+    /// Messages whose content the common set does not allow.
+    pub unreadable: u64,
+    /// ODOMETRY in other axes, or of a failed estimator.
+    pub refused: u64,
+    /// Whole messages without a single usable number.
+    pub empty: u64,
+    /// Samples whose time is not later than that of the one before.
+    pub out_of_order: u64,
+    /// Times that the vehicle's clock was set anew.
+    pub clock_resets: u64,
+    /// Times that the vehicle's estimate jumped (ODOMETRY's reset_counter).
+    pub estimate_resets: u64,
+    /// Samples made.
+    pub samples: u64,
+    /// Of them, with a force.
+    pub samples_with_force: u64,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Half {
+    Whole,
+    Position,
+    Attitude,
+}
+
+/// The two clocks of MAVLink's messages, which need not be the same.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum TimeBase {
+    Microseconds,
+    Milliseconds,
+}
+
+#[derive(Debug, Clone, Copy)]
+struct Pending {
+    sample: Measurement,
+    base: TimeBase,
+    oldest_ns: i128,
+    newest_ns: i128,
+    receive_ns: u64,
+    halves: (bool, bool),
+}
+
+#[derive(Debug, Clone, Copy)]
+struct Request {
+    message_id: u32,
+    asked: u32,
+    asked_at_ns: u64,
+    answered: bool,
+}
+
+/// The vehicle's messages as samples.
+#[derive(Debug)]
+pub struct Bridge {
+    settings: Settings,
+    decoders: Vec<(Peer, Decoder)>,
+    /// Of decoders that were given up.
+    earlier: FrameTally,
+    tally: Tally,
+    vehicle: Option<u8>,
+    vehicle_peer: Peer,
+    autopilot: Option<MavAutopilot>,
+    others: BTreeSet<(u8, u8)>,
+    next_frame: Option<u8>,
+    microseconds: VehicleClock,
+    milliseconds: VehicleClock,
+    newest_stamp_ns: u64,
+    pending: Option<Pending>,
+    /// When each half, ODOMETRY, and ATTITUDE_QUATERNION came last.
+    position_at_ns: Option<u64>,
+    attitude_at_ns: Option<u64>,
+    odometry_at_ns: Option<u64>,
+    quaternion_at_ns: Option<u64>,
+    attitude: Option<([f64; 4], u64)>,
+    thrust: Option<(f64, u64)>,
+    torque: Option<([f64; 3], u64)>,
+    frame: MavFrame,
+    reset_counter: Option<u8>,
+    requests: Vec<Request>,
+    refusal_told: bool,
+    signed_told: bool,
+    samples: Vec<Measurement>,
+    replies: Vec<MavMessage>,
+    notes: Vec<String>,
+}
+
+impl Bridge {
+    /// Nothing heard yet.
+    pub fn new(settings: Settings) -> Self {
+        Self {
+            settings,
+            decoders: Vec::new(),
+            earlier: FrameTally::default(),
+            tally: Tally::default(),
+            vehicle: settings.system_id,
+            vehicle_peer: None,
+            autopilot: None,
+            others: BTreeSet::new(),
+            next_frame: None,
+            microseconds: VehicleClock::default(),
+            milliseconds: VehicleClock::default(),
+            newest_stamp_ns: 0,
+            pending: None,
+            position_at_ns: None,
+            attitude_at_ns: None,
+            odometry_at_ns: None,
+            quaternion_at_ns: None,
+            attitude: None,
+            thrust: None,
+            torque: None,
+            frame: MavFrame::MAV_FRAME_LOCAL_NED,
+            reset_counter: None,
+            requests: Vec::new(),
+            refusal_told: false,
+            signed_told: false,
+            samples: Vec::new(),
+            replies: Vec::new(),
+            notes: Vec::new(),
+        }
+    }
+
+    /// What became of what came.
+    pub fn tally(&self) -> &Tally {
+        &self.tally
+    }
+
+    /// What came, as bytes.
+    pub fn frame_tally(&self) -> FrameTally {
+        self.decoders.iter().fold(self.earlier, |sum, (_, decoder)| sum.plus(decoder.tally()))
+    }
+
+    /// The system that is followed, once it was heard or named.
+    pub fn vehicle(&self) -> Option<u8> {
+        self.vehicle
+    }
+
+    /// What kind of autopilot it said to be.
+    pub fn autopilot(&self) -> Option<MavAutopilot> {
+        self.autopilot
+    }
+
+    /// Where the vehicle's frames come from.
+    pub fn vehicle_peer(&self) -> Peer {
+        self.vehicle_peer
+    }
+
+    /// Systems and components that were heard and are not followed.
+    pub fn others(&self) -> &BTreeSet<(u8, u8)> {
+        &self.others
+    }
+
+    /// Axes in which the vehicle gives its pose.
+    pub fn frame(&self) -> MavFrame {
+        self.frame
+    }
+
+    /// The clock in use: that of ODOMETRY where it comes.
+    pub fn clock(&self) -> &VehicleClock {
+        if self.odometry_at_ns.is_some() { &self.microseconds } else { &self.milliseconds }
+    }
+
+    /// Samples since the last call, oldest first.
+    pub fn take_samples(&mut self) -> Vec<Measurement> {
+        std::mem::take(&mut self.samples)
+    }
+
+    /// What the vehicle is to be answered.
+    pub fn take_replies(&mut self) -> Vec<MavMessage> {
+        std::mem::take(&mut self.replies)
+    }
+
+    /// What an operator is to be told.
+    pub fn take_notes(&mut self) -> Vec<String> {
+        std::mem::take(&mut self.notes)
+    }
+
+    /// Takes bytes that arrived at `receive_ns`.
+    pub fn receive(&mut self, bytes: &[u8], from: Peer, receive_ns: u64) {
+        let known = self.decoders.iter().position(|(peer, _)| *peer == from);
+        let mut decoder = match known {
+            Some(at) => self.decoders.remove(at).1,
+            None => Decoder::default(),
+        };
+        if self.decoders.len() >= MAX_PEERS {
+            self.earlier = self.earlier.plus(self.decoders.remove(0).1.tally());
+        }
+        decoder.feed(bytes);
+        decoder.take_all(|frame| self.take(frame, from, receive_ns));
+        if decoder.tally().signed > 0 && !self.signed_told {
+            self.signed_told = true;
+            self.notes.push(
+                "frames are signed; nobody checks that here, and what is sent has no signature: \
+                 a vehicle that insists on one will not listen"
+                    .into(),
+            );
+        }
+        self.decoders.push((from, decoder));
+    }
+
+    /// What is due without a message: a sample whose other half does not come, a request that was not answered.
+    pub fn turn(&mut self, now_ns: u64) {
+        if self.pending.is_some_and(|p| now_ns.saturating_sub(p.receive_ns) >= self.settings.join_ns) {
+            self.complete();
+        }
+        self.ask(now_ns);
+    }
+
+    /// Whether a half waits for its other half.
+    pub fn waits(&self) -> bool {
+        self.pending.is_some()
+    }
+
+    fn take(&mut self, frame: &Frame, from: Peer, receive_ns: u64) {
+        let is_right_part = frame.component_id == self.settings.component_id;
+        let heartbeat = (frame.message_id == HEARTBEAT_DATA::ID)
+            .then(|| read::<HEARTBEAT_DATA>(frame).map(|heartbeat| heartbeat.autopilot));
+        if self.vehicle.is_none() && is_right_part {
+            let is_autopilot = match heartbeat {
+                Some(said) => said != Some(MavAutopilot::MAV_AUTOPILOT_INVALID),
+                None => is_motion(frame.message_id),
+            };
+            if is_autopilot {
+                self.vehicle = Some(frame.system_id);
+            }
+        }
+        if self.vehicle != Some(frame.system_id) || !is_right_part {
+            self.tally.frames_of_others += 1;
+            if self.others.len() < MAX_NAMES {
+                self.others.insert((frame.system_id, frame.component_id));
+            }
+            return;
+        }
+        if self.next_frame.is_none() {
+            let system_id = frame.system_id;
+            self.notes.push(format!("following system {system_id}, component {}", frame.component_id));
+            self.begin_requests();
+        }
+        self.vehicle_peer = from;
+        // A frame that is late, or comes twice, is no loss.
+        let gap = frame.sequence.wrapping_sub(self.next_frame.unwrap_or(frame.sequence));
+        if gap < 128 {
+            self.tally.frames_lost += u64::from(gap);
+            self.next_frame = Some(frame.sequence.wrapping_add(1));
+        }
+        let name = name_of(frame.message_id);
+        if self.tally.messages.len() < MAX_NAMES || self.tally.messages.contains_key(name) {
+            *self.tally.messages.entry(name).or_default() += 1;
+        }
+        if self.understand(frame, heartbeat.flatten(), receive_ns).is_none() {
+            self.tally.unreadable += 1;
+        }
+    }
+
+    /// `None` where the content cannot be.
+    fn understand(&mut self, frame: &Frame, autopilot: Option<MavAutopilot>, receive_ns: u64) -> Option<()> {
+        let takes_pair = match self.settings.source {
+            Source::Auto => !is_recent(self.odometry_at_ns, receive_ns),
+            Source::Odometry => false,
+            Source::LocalPosition => true,
+        };
+        match frame.message_id {
+            HEARTBEAT_DATA::ID => self.autopilot = Some(autopilot?),
+            ODOMETRY_DATA::ID if self.settings.source != Source::LocalPosition => {
+                self.take_odometry(&read(frame)?, receive_ns);
+            }
+            LOCAL_POSITION_NED_DATA::ID if takes_pair => {
+                let message: LOCAL_POSITION_NED_DATA = read(frame)?;
+                self.position_at_ns = Some(receive_ns);
+                self.frame = MavFrame::MAV_FRAME_LOCAL_NED;
+                let motion = convert::local_position(&message);
+                self.join(
+                    Half::Position,
+                    TimeBase::Milliseconds,
+                    ms(message.time_boot_ms),
+                    receive_ns,
+                    motion,
+                );
+            }
+            ATTITUDE_QUATERNION_DATA::ID if takes_pair => {
+                let message: ATTITUDE_QUATERNION_DATA = read(frame)?;
+                (self.quaternion_at_ns, self.attitude_at_ns) = (Some(receive_ns), Some(receive_ns));
+                let motion = convert::attitude_quaternion(&message);
+                self.join(
+                    Half::Attitude,
+                    TimeBase::Milliseconds,
+                    ms(message.time_boot_ms),
+                    receive_ns,
+                    motion,
+                );
+            }
+            ATTITUDE_DATA::ID if takes_pair && !is_recent(self.quaternion_at_ns, receive_ns) => {
+                let message: ATTITUDE_DATA = read(frame)?;
+                self.attitude_at_ns = Some(receive_ns);
+                let motion = convert::attitude(&message);
+                self.join(
+                    Half::Attitude,
+                    TimeBase::Milliseconds,
+                    ms(message.time_boot_ms),
+                    receive_ns,
+                    motion,
+                );
+            }
+            ATTITUDE_TARGET_DATA::ID => {
+                let thrust = read::<ATTITUDE_TARGET_DATA>(frame)?.thrust;
+                self.thrust = thrust.is_finite().then_some((f64::from(thrust), receive_ns)).or(self.thrust);
+            }
+            ACTUATOR_CONTROL_TARGET_DATA::ID => {
+                if let Some((torque, thrust)) = convert::actuators(&read(frame)?) {
+                    (self.torque, self.thrust) = (Some((torque, receive_ns)), Some((thrust, receive_ns)));
+                }
+            }
+            TIMESYNC_DATA::ID => self.time_sync(&read(frame)?, receive_ns),
+            COMMAND_ACK_DATA::ID => self.answered(&read(frame)?, receive_ns),
+            _ => {}
+        }
+        Some(())
+    }
+
+    fn take_odometry(&mut self, message: &ODOMETRY_DATA, receive_ns: u64) {
+        let motion = match convert::odometry(message) {
+            Ok(motion) => motion,
+            Err(refused) => {
+                self.tally.refused += 1;
+                if !std::mem::replace(&mut self.refusal_told, true) {
+                    self.notes.push(refused.to_string());
+                }
+                return;
+            }
+        };
+        self.odometry_at_ns = Some(receive_ns);
+        self.frame = message.frame_id;
+        if self.reset_counter.replace(message.reset_counter).is_some_and(|old| old != message.reset_counter) {
+            self.tally.estimate_resets += 1;
+            self.notes.push(format!(
+                "the vehicle's estimate jumped (reset counter {}): so do the samples",
+                message.reset_counter
+            ));
+        }
+        let vehicle_ns = i128::from(message.time_usec) * 1000;
+        self.join(Half::Whole, TimeBase::Microseconds, vehicle_ns, receive_ns, motion);
+    }
+
+    fn clock_of(&mut self, base: TimeBase) -> &mut VehicleClock {
+        match base {
+            TimeBase::Microseconds => &mut self.microseconds,
+            TimeBase::Milliseconds => &mut self.milliseconds,
+        }
+    }
+
+    /// Puts a message to the half that waits, or begins a sample with it.
+    fn join(&mut self, half: Half, base: TimeBase, vehicle_ns: i128, receive_ns: u64, motion: Motion) {
+        if motion == Motion::default() {
+            self.tally.empty += 1;
+            return;
+        }
+        let tolerance_ns = i128::from(self.settings.join_ns);
+        let fits = |pending: &Pending| {
+            let oldest_ns = pending.oldest_ns.min(vehicle_ns);
+            let newest_ns = pending.newest_ns.max(vehicle_ns);
+            let is_free = match half {
+                Half::Whole => false,
+                Half::Position => !pending.halves.0,
+                Half::Attitude => !pending.halves.1,
+            };
+            is_free && pending.base == base && newest_ns - oldest_ns <= tolerance_ns
+        };
+        if !self.pending.as_ref().is_some_and(fits) {
+            self.complete();
+        }
+        if self.clock_of(base).observe(vehicle_ns, receive_ns) == Observed::Reset {
+            self.pending = None;
+            self.tally.clock_resets += 1;
+            self.notes.push(format!(
+                "the vehicle's clock was set anew, to {:.3} s: a reboot? samples go on with a new offset",
+                vehicle_ns as f64 * 1e-9
+            ));
+            self.begin_requests();
+        }
+        let pending = self.pending.get_or_insert(Pending {
+            sample: Measurement::default(),
+            base,
+            oldest_ns: vehicle_ns,
+            newest_ns: vehicle_ns,
+            receive_ns,
+            halves: (false, false),
+        });
+        pending.sample = motion.add_to(pending.sample);
+        pending.oldest_ns = pending.oldest_ns.min(vehicle_ns);
+        pending.newest_ns = pending.newest_ns.max(vehicle_ns);
+        pending.halves.0 |= half != Half::Attitude;
+        pending.halves.1 |= half != Half::Position;
+        let halves = pending.halves;
+        if let Some(attitude_wxyz) = motion.attitude_wxyz {
+            self.attitude = Some((attitude_wxyz, receive_ns));
+        }
+        let is_complete = (halves.0 || !is_recent(self.position_at_ns, receive_ns))
+            && (halves.1 || !is_recent(self.attitude_at_ns, receive_ns));
+        if is_complete || half == Half::Whole {
+            self.complete();
+        }
+    }
+
+    /// Makes the sample that waits, if one does.
+    fn complete(&mut self) {
+        let Some(Pending { mut sample, base, newest_ns, receive_ns, .. }) = self.pending.take() else {
+            return;
+        };
+        let stamp_ns = self.clock_of(base).stamp_ns(newest_ns);
+        let Some(stamp_ns) = stamp_ns.filter(|stamp_ns| *stamp_ns > self.newest_stamp_ns) else {
+            self.tally.out_of_order += 1;
+            return;
+        };
+        self.newest_stamp_ns = stamp_ns;
+        let fresh = |at_ns: u64| receive_ns.saturating_sub(at_ns) < RECENT_NS;
+        let thrust = self.thrust.filter(|(_, at_ns)| fresh(*at_ns));
+        let attitude = self.attitude.filter(|(_, at_ns)| fresh(*at_ns));
+        if let (Some(thrust_n), Some((thrust, _)), Some((wxyz, _))) =
+            (self.settings.thrust_n, thrust, attitude)
+        {
+            sample = sample.with_force_n(convert::force_n(thrust, thrust_n, wxyz));
+        }
+        let torque = self.torque.filter(|(_, at_ns)| fresh(*at_ns));
+        if let (Some(full_n_m), Some((torque, _))) = (self.settings.torque_n_m, torque) {
+            sample = sample.with_torque_n_m(std::array::from_fn(|axis| torque[axis] * full_n_m[axis]));
+        }
+        (sample.stamp_ns, sample.sequence) = (stamp_ns, self.tally.samples);
+        self.tally.samples += 1;
+        self.tally.samples_with_force += u64::from(sample.has(valid::FORCE));
+        self.samples.push(sample);
+    }
+
+    /// A request is answered with our time; an answer to ours tells the offset.
+    fn time_sync(&mut self, message: &TIMESYNC_DATA, receive_ns: u64) {
+        if message.tc1 == 0 {
+            let answer = TIMESYNC_DATA {
+                tc1: receive_ns.cast_signed(),
+                ts1: message.ts1,
+                target_system: self.vehicle.unwrap_or(0),
+                target_component: self.settings.component_id,
+            };
+            self.replies.push(MavMessage::TIMESYNC(answer));
+            return;
+        }
+        // Somebody else's answer has another clock's time in it.
+        let Ok(sent_ns) = u64::try_from(message.ts1) else { return };
+        if sent_ns <= receive_ns && receive_ns - sent_ns < RECENT_NS {
+            for clock in [&mut self.microseconds, &mut self.milliseconds] {
+                clock.exchange(sent_ns, i128::from(message.tc1), receive_ns);
+            }
+        }
+    }
+
+    /// Which messages to ask for; after a reboot the vehicle has forgotten them.
+    fn begin_requests(&mut self) {
+        if self.settings.request_rate_hz.is_none() {
+            return;
+        }
+        let pair = [LOCAL_POSITION_NED_DATA::ID, ATTITUDE_QUATERNION_DATA::ID];
+        let of_source: &[u32] = match self.settings.source {
+            Source::Auto | Source::Odometry => &[ODOMETRY_DATA::ID],
+            Source::LocalPosition => &pair,
+        };
+        let thrust = self.settings.thrust_n.map(|_| ATTITUDE_TARGET_DATA::ID);
+        let ids = of_source.iter().copied().chain(thrust);
+        self.requests =
+            ids.map(|message_id| Request { message_id, asked: 0, asked_at_ns: 0, answered: false }).collect();
+    }
+
+    /// Asks for one message at a time: an answer names the command and not the message.
+    fn ask(&mut self, now_ns: u64) {
+        let (Some(rate_hz), Some(system_id)) = (self.settings.request_rate_hz, self.vehicle) else { return };
+        let Some(at) = self.requests.iter().position(|request| !request.answered) else { return };
+        let request = &mut self.requests[at];
+        if request.asked > 0 && now_ns.saturating_sub(request.asked_at_ns) < ANSWER_NS {
+            return;
+        }
+        if request.asked >= MOST_REQUESTS {
+            request.answered = true;
+            let message_id = request.message_id;
+            self.not_granted(message_id, "no answer");
+            return;
+        }
+        (request.asked, request.asked_at_ns) = (request.asked + 1, now_ns);
+        self.replies.push(MavMessage::COMMAND_LONG(COMMAND_LONG_DATA {
+            param1: request.message_id as f32,
+            param2: (1e6 / rate_hz) as f32,
+            command: MavCmd::MAV_CMD_SET_MESSAGE_INTERVAL,
+            target_system: system_id,
+            target_component: self.settings.component_id,
+            confirmation: (request.asked - 1) as u8,
+            ..COMMAND_LONG_DATA::default()
+        }));
+    }
+
+    fn answered(&mut self, answer: &COMMAND_ACK_DATA, now_ns: u64) {
+        if answer.command != MavCmd::MAV_CMD_SET_MESSAGE_INTERVAL {
+            return;
+        }
+        let Some(request) = self.requests.iter_mut().find(|request| request.asked > 0 && !request.answered)
+        else {
+            return;
+        };
+        request.answered = true;
+        let message_id = request.message_id;
+        match answer.result {
+            MavResult::MAV_RESULT_ACCEPTED => {}
+            refused => self.not_granted(message_id, &format!("{refused:?}")),
+        }
+        self.ask(now_ns);
+    }
+
+    fn not_granted(&mut self, message_id: u32, reason: &str) {
+        let name = name_of(message_id);
+        self.notes.push(format!("asked for {name}: {reason}"));
+        if message_id == ODOMETRY_DATA::ID && self.settings.source == Source::Auto {
+            let ids = [LOCAL_POSITION_NED_DATA::ID, ATTITUDE_QUATERNION_DATA::ID];
+            let new = ids.map(|message_id| Request { message_id, asked: 0, asked_at_ns: 0, answered: false });
+            self.requests.extend(new);
+        }
+    }
+}
+
+/// Content of a frame; `None` where it holds a value that is none. Fields that a newer message set has added are left out.
+fn read<Data: MessageData>(frame: &Frame) -> Option<Data> {
+    let payload = frame.payload();
+    Data::deser(frame.version, &payload[..payload.len().min(Data::ENCODED_LEN)]).ok()
+}
+
+fn ms(time_boot_ms: u32) -> i128 {
+    i128::from(time_boot_ms) * 1_000_000
+}
+
+fn is_recent(at_ns: Option<u64>, now_ns: u64) -> bool {
+    at_ns.is_some_and(|at_ns| now_ns.saturating_sub(at_ns) < RECENT_NS)
+}
+
+fn is_motion(message_id: u32) -> bool {
+    [ODOMETRY_DATA::ID, LOCAL_POSITION_NED_DATA::ID, ATTITUDE_DATA::ID, ATTITUDE_QUATERNION_DATA::ID]
+        .contains(&message_id)
+}
+
+/// As the message set calls it.
+pub fn name_of(message_id: u32) -> &'static str {
+    MavMessage::all_messages().iter().find(|(_, id)| *id == message_id).map_or("unknown", |(name, _)| name)
+}
