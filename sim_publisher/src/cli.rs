@@ -612,6 +612,14 @@ mod tests {
             "sim_publisher replay --format acsl /no/such.log --column time_s=t",
             "sim_publisher replay --format csv /no/such.csv --speed 0",
             "sim_publisher replay --format csv /no/such.csv --speed NaN",
+            "sim_publisher mavlink",
+            "sim_publisher mavlink --listen udp:14550",
+            "sim_publisher mavlink --listen udp:127.0.0.1:0 --thrust-n 0",
+            "sim_publisher mavlink --listen udp:127.0.0.1:0 --join-ms NaN",
+            "sim_publisher mavlink --listen udp:127.0.0.1:0 --send-to 127.0.0.1:1",
+            "sim_publisher mavlink --listen udp:127.0.0.1:0 --silent --send odometry",
+            "sim_publisher mavlink --listen udp:127.0.0.1:0 --system-id 0",
+            "sim_publisher mavlink --listen serial:/dev/null --send odometry --send-to 127.0.0.1:1",
         ] {
             assert_eq!(code_of(line), ExitCode::from(2), "{line}");
         }

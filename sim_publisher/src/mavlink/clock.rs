@@ -130,3 +130,130 @@ impl VehicleClock {
         Some(stamp_ns)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    const MS: u64 = 1_000_000;
+    const S: u64 = 1_000 * MS;
+    /// Our time when the vehicle's was zero.
+    const BOOT_NS: u64 = 1_000 * S;
+
+    /// A message taken at `vehicle_ns` and delayed; its stamp less the true time.
+    fn error_ns(clock: &mut VehicleClock, vehicle_ns: u64, delay_ns: u64) -> Option<i64> {
+        clock.observe(vehicle_ns.into(), BOOT_NS + vehicle_ns + delay_ns);
+        clock.stamp_ns(vehicle_ns.into()).map(|stamp| stamp as i64 - (BOOT_NS + vehicle_ns) as i64)
+    }
+
+    #[test]
+    fn stamps_are_late_by_the_smallest_delay_alone() {
+        let mut clock = VehicleClock::default();
+        for k in 0..2000 {
+            // 2 ms, and up to 9 more.
+            let error = error_ns(&mut clock, k * 5 * MS, 2 * MS + (k * 7) % 10 * MS).unwrap();
+            assert!(k < 10 || error == 2 * MS as i64, "{k}: {error}");
+        }
+    }
+
+    #[test]
+    fn an_exchange_of_times_takes_the_delay_away_within_half_its_round_trip() {
+        let mut clock = VehicleClock::default();
+        let mut error = 0;
+        for k in 0..4000u64 {
+            let now_ns = k * 5 * MS;
+            error = error_ns(&mut clock, now_ns, 8 * MS).unwrap();
+            if k % 20 == 0 {
+                // There in 1 ms, back in 3.
+                let sent_ns = BOOT_NS + now_ns;
+                clock.exchange(sent_ns, (now_ns + MS).into(), sent_ns + 4 * MS);
+            }
+        }
+        assert_eq!((error, clock.round_trip_ns()), (MS as i64, Some(4 * MS)));
+        // One of another clock, a UNIX time say, is not used; nor one that took too long.
+        let mut other = VehicleClock::default();
+        error_ns(&mut other, 0, 8 * MS);
+        other.exchange(BOOT_NS, 1_700_000_000 * i128::from(S), BOOT_NS + MS);
+        assert_eq!(other.round_trip_ns(), None);
+        other.exchange(BOOT_NS, 0, BOOT_NS + S);
+        assert_eq!(other.round_trip_ns(), None);
+    }
+
+    #[test]
+    fn a_drifting_clock_is_followed() {
+        let mut clock = VehicleClock::default();
+        for k in 0..100 * 200u64 {
+            let true_ns = k * 5 * MS;
+            let vehicle_ns = i128::from(true_ns) - i128::from(true_ns) / 20_000;
+            clock.observe(vehicle_ns, BOOT_NS + true_ns);
+            let error_ns = clock.stamp_ns(vehicle_ns).unwrap() as i64 - (BOOT_NS + true_ns) as i64;
+            // 50 ppm of the 10 s for which the smallest delay counts.
+            assert!((-(MS as i64) / 2 - 1..=0).contains(&error_ns), "{k}: {error_ns}");
+        }
+    }
+
+    #[test]
+    fn a_reboot_and_a_jump_ahead_begin_a_new_offset_and_time_goes_on() {
+        let mut clock = VehicleClock::default();
+        error_ns(&mut clock, 60 * S, 2 * MS);
+        let now_ns = BOOT_NS + 61 * S;
+        assert_eq!(clock.observe((S / 2).into(), now_ns), Observed::Reset);
+        assert_eq!(clock.stamp_ns((S / 2).into()), Some(now_ns));
+        assert_eq!(clock.observe((S / 2 + 5 * MS).into(), now_ns + 5 * MS), Observed::Steady);
+        // A UNIX time from now on.
+        let unix_ns = 1_700_000_000 * i128::from(S);
+        assert_eq!(clock.observe(unix_ns, now_ns + 10 * MS), Observed::Reset);
+        assert_eq!(clock.stamp_ns(unix_ns), Some(now_ns + 10 * MS));
+        // Within a second it is a message that was overtaken.
+        assert_eq!(clock.observe(unix_ns - 500 * i128::from(MS), now_ns + 11 * MS), Observed::Steady);
+        assert_eq!(clock.stamp_ns(unix_ns - 500 * i128::from(MS)), None);
+    }
+
+    #[test]
+    fn a_smaller_offset_is_approached_at_half_pace() {
+        let mut clock = VehicleClock::default();
+        assert_eq!(error_ns(&mut clock, 0, 100 * MS), Some(100 * MS as i64));
+        // Now it is known that this was all delay.
+        clock.exchange(BOOT_NS + 100 * MS, (101 * MS).into(), BOOT_NS + 102 * MS);
+        for k in 1..40 {
+            let expected = (100 - 5 * k as i64).max(0) * MS as i64;
+            assert_eq!(error_ns(&mut clock, k * 10 * MS, 100 * MS), Some(expected));
+        }
+    }
+
+    #[test]
+    fn a_burst_after_a_stalled_line_keeps_its_own_times() {
+        let mut clock = VehicleClock::default();
+        for k in 0..100 {
+            error_ns(&mut clock, k * 10 * MS, MS).unwrap();
+        }
+        for k in 100..400 {
+            // All at once, at 4 s.
+            clock.observe((k * 10 * MS).into(), BOOT_NS + 4 * S);
+            assert_eq!(clock.stamp_ns((k * 10 * MS).into()), Some(BOOT_NS + k * 10 * MS + MS), "{k}");
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn whatever_the_times_are_stamps_grow_and_are_never_later_than_the_arrival(
+            times in prop::collection::vec((any::<u64>(), 0..3 * S, any::<bool>()), 1..200)
+        ) {
+            let mut clock = VehicleClock::default();
+            let (mut now_ns, mut newest_ns, mut vehicle_ns) = (BOOT_NS, 0, 0);
+            for (any_ns, step_ns, steady) in times {
+                now_ns += step_ns;
+                vehicle_ns = if steady { vehicle_ns + i128::from(step_ns) } else { i128::from(any_ns) * 1000 };
+                clock.observe(vehicle_ns, now_ns);
+                if step_ns % 3 == 0 {
+                    clock.exchange(now_ns.saturating_sub(any_ns % S), vehicle_ns, now_ns);
+                }
+                if let Some(stamp_ns) = clock.stamp_ns(vehicle_ns) {
+                    prop_assert!(stamp_ns > newest_ns && stamp_ns <= now_ns);
+                    newest_ns = stamp_ns;
+                }
+            }
+        }
+    }
+}

@@ -193,3 +193,151 @@ pub fn estimate_message(estimate: &Estimate, frame: MavFrame, reset_counter: u8)
         quality: 0,
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use shared_types::payload::{frame, valid};
+    use std::f32::consts::FRAC_PI_2;
+
+    const HALF: f32 = std::f32::consts::FRAC_1_SQRT_2;
+    const ROUNDING: f64 = 1e-6;
+
+    fn near(found: &[f64], expected: &[f64]) {
+        assert_eq!(found.len(), expected.len());
+        let is_near = found.iter().zip(expected).all(|(a, b)| (a - b).abs() < ROUNDING);
+        assert!(is_near, "found {found:?}, expected {expected:?}");
+    }
+
+    /// Nose to the east, level: what points forward in the body points east, what points right points south.
+    fn heading_east() -> ODOMETRY_DATA {
+        ODOMETRY_DATA {
+            frame_id: MavFrame::MAV_FRAME_LOCAL_NED,
+            child_frame_id: MavFrame::MAV_FRAME_BODY_FRD,
+            x: 1.0,
+            y: 2.0,
+            z: -3.0,
+            q: [HALF, 0.0, 0.0, HALF],
+            vx: 4.0,
+            vy: 0.5,
+            vz: 0.25,
+            rollspeed: 0.1,
+            pitchspeed: 0.2,
+            yawspeed: 0.3,
+            ..ODOMETRY_DATA::default()
+        }
+    }
+
+    #[test]
+    fn velocities_of_the_body_are_turned_by_the_message_s_own_attitude() {
+        let motion = odometry(&heading_east()).unwrap();
+        near(&motion.velocity_m_s.unwrap(), &[-0.5, 4.0, 0.25]);
+        near(&motion.position_m.unwrap(), &[1.0, 2.0, -3.0]);
+        near(&motion.attitude_wxyz.unwrap(), &[HALF.into(), 0.0, 0.0, HALF.into()]);
+        near(&motion.angular_velocity_rad_s.unwrap(), &[0.1, 0.2, 0.3]);
+        let sample = motion.add_to(Measurement::default());
+        assert!(sample.has(valid::VELOCITY | valid::POSITION | valid::ATTITUDE | valid::ANGULAR_VELOCITY));
+        assert_eq!(sample.velocity_frame, frame::INERTIAL);
+    }
+
+    #[test]
+    fn velocities_of_the_pose_s_own_frame_are_taken_as_they_are() {
+        // PX4 says so of an estimate in north-east-down.
+        for frame in [MavFrame::MAV_FRAME_LOCAL_NED, MavFrame::MAV_FRAME_LOCAL_FRD] {
+            let message = ODOMETRY_DATA { frame_id: frame, child_frame_id: frame, ..heading_east() };
+            near(&odometry(&message).unwrap().velocity_m_s.unwrap(), &[4.0, 0.5, 0.25]);
+        }
+    }
+
+    #[test]
+    fn what_is_not_a_number_is_not_there() {
+        let blind =
+            ODOMETRY_DATA { x: f32::NAN, q: [f32::NAN; 4], yawspeed: f32::INFINITY, ..heading_east() };
+        let sample = odometry(&blind).unwrap().add_to(Measurement::default());
+        assert_eq!((sample.valid, sample.velocity_frame), (valid::VELOCITY, frame::BODY));
+        near(&sample.velocity_m_s, &[4.0, 0.5, 0.25]);
+        let doubtful = ODOMETRY_DATA { q: [0.8, 0.0, 0.0, 0.8], ..heading_east() };
+        assert_eq!(odometry(&doubtful).unwrap().attitude_wxyz, None);
+        let rounded = ODOMETRY_DATA { q: [1.005, 0.0, 0.0, 0.0], ..heading_east() };
+        assert_eq!(odometry(&rounded).unwrap().attitude_wxyz, Some([1.0, 0.0, 0.0, 0.0]));
+    }
+
+    #[test]
+    fn other_axes_and_a_failed_estimator_are_refused() {
+        let enu = ODOMETRY_DATA { frame_id: MavFrame::MAV_FRAME_LOCAL_ENU, ..heading_east() };
+        assert_eq!(odometry(&enu), Err(Refused::Frames { frame: 4, child: 12 }));
+        let other = ODOMETRY_DATA { child_frame_id: MavFrame::MAV_FRAME_LOCAL_FRD, ..heading_east() };
+        assert_eq!(odometry(&other), Err(Refused::Frames { frame: 1, child: 20 }));
+        let failed = ODOMETRY_DATA { quality: -1, ..heading_east() };
+        assert_eq!(odometry(&failed), Err(Refused::Failed));
+    }
+
+    #[test]
+    fn angles_are_yaw_then_pitch_then_roll() {
+        let quarter_turns = |roll: f32, pitch: f32, yaw: f32| {
+            let angles = ATTITUDE_DATA { roll, pitch, yaw, ..ATTITUDE_DATA::default() };
+            let nose = rotation(attitude(&angles).attitude_wxyz.unwrap()) * Vector3::x();
+            let right = rotation(attitude(&angles).attitude_wxyz.unwrap()) * Vector3::y();
+            (<[f64; 3]>::from(nose), <[f64; 3]>::from(right))
+        };
+        // Rolled right: the right wing points down. Pitched up: the nose points up. Yawed: the nose points east.
+        near(&quarter_turns(FRAC_PI_2, 0.0, 0.0).1, &[0.0, 0.0, 1.0]);
+        near(&quarter_turns(0.0, FRAC_PI_2, 0.0).0, &[0.0, 0.0, -1.0]);
+        near(&quarter_turns(0.0, 0.0, FRAC_PI_2).0, &[0.0, 1.0, 0.0]);
+        // All three: to the east, then up, and the right wing goes to where the belly looked by then, east.
+        let (nose, right) = quarter_turns(FRAC_PI_2, FRAC_PI_2, FRAC_PI_2);
+        near(&nose, &[0.0, 0.0, -1.0]);
+        near(&right, &[0.0, 1.0, 0.0]);
+    }
+
+    #[test]
+    fn thrust_pushes_the_body_up_and_where_it_leans_to() {
+        // Level, 39.2 N at half thrust: up is −z.
+        near(&force_n(0.5, 39.2, [1.0, 0.0, 0.0, 0.0]), &[0.0, 0.0, -19.6]);
+        // Nose down by 30°: forward, to the north. Half angle 15°.
+        let (s, c) = (-15.0f64).to_radians().sin_cos();
+        let forward = 10.0 * 30.0f64.to_radians().sin();
+        near(&force_n(1.0, 10.0, [c, 0.0, s, 0.0]), &[forward, 0.0, -10.0 * 30.0f64.to_radians().cos()]);
+        // Rolled right by 30°: to the east.
+        near(&force_n(1.0, 10.0, [c, -s, 0.0, 0.0]), &[0.0, forward, -10.0 * 30.0f64.to_radians().cos()]);
+        // A thruster that pulls back.
+        near(&force_n(-0.5, 10.0, [1.0, 0.0, 0.0, 0.0]), &[0.0, 0.0, 5.0]);
+    }
+
+    #[test]
+    fn of_the_actuators_the_flight_group_alone_counts() {
+        let controls = [0.1, -0.2, 0.3, 0.4, 0.0, 0.0, 0.0, 0.0];
+        let mut message =
+            ACTUATOR_CONTROL_TARGET_DATA { controls, ..ACTUATOR_CONTROL_TARGET_DATA::default() };
+        let (torque, thrust) = actuators(&message).unwrap();
+        near(&[torque[0], torque[1], torque[2], thrust], &[0.1, -0.2, 0.3, 0.4]);
+        message.group_mlx = 1;
+        assert_eq!(actuators(&message), None);
+        message = ACTUATOR_CONTROL_TARGET_DATA { controls: [f32::NAN; 8], ..message };
+        assert_eq!(actuators(&message), None);
+    }
+
+    #[test]
+    fn an_estimate_is_told_along_the_body_s_axes() {
+        let half = std::f64::consts::FRAC_1_SQRT_2;
+        let estimate = Estimate {
+            stamp_ns: 1_234_567_890,
+            position_m: [1.0, 2.0, 3.0],
+            // North-west with the nose to the east: backwards and to the left.
+            velocity_m_s: [2.0, -1.0, 0.5],
+            attitude_wxyz: [half, 0.0, 0.0, half],
+            angular_velocity_rad_s: [0.1, 0.2, 0.3],
+            ..Estimate::default()
+        };
+        let message = estimate_message(&estimate, MavFrame::MAV_FRAME_LOCAL_FRD, 3);
+        assert_eq!((message.time_usec, message.frame_id), (1_234_567, MavFrame::MAV_FRAME_LOCAL_FRD));
+        near(&[message.vx, message.vy, message.vz].map(f64::from), &[-1.0, -2.0, 0.5]);
+        assert!(message.pose_covariance[0].is_nan() && message.velocity_covariance[0].is_nan());
+        assert_eq!((message.reset_counter, message.quality), (3, 0));
+        // There and back.
+        let back = odometry(&message).unwrap();
+        near(&back.velocity_m_s.unwrap(), &estimate.velocity_m_s);
+        near(&back.attitude_wxyz.unwrap(), &estimate.attitude_wxyz);
+        near(&back.position_m.unwrap(), &estimate.position_m);
+    }
+}

@@ -213,3 +213,154 @@ fn candidate(bytes: &[u8]) -> Candidate {
     let frame = Frame { version, sequence, system_id, component_id, message_id, payload, payload_length };
     Candidate::Whole(length, frame)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use mavlink::dialects::common::{ATTITUDE_DATA, HEARTBEAT_DATA, ODOMETRY_DATA};
+    use mavlink::{MAVLinkV1MessageRaw, MAVLinkV2MessageRaw, MavHeader};
+    use proptest::prelude::*;
+
+    fn v2(sequence: u8, message: &MavMessage) -> Vec<u8> {
+        let mut frame = MAVLinkV2MessageRaw::new();
+        frame.serialize_message(MavHeader { system_id: 1, component_id: 1, sequence }, message);
+        frame.raw_bytes().to_vec()
+    }
+
+    fn v1(sequence: u8, message: &MavMessage) -> Vec<u8> {
+        let mut frame = MAVLinkV1MessageRaw::new();
+        frame.serialize_message(MavHeader { system_id: 1, component_id: 1, sequence }, message);
+        frame.raw_bytes().to_vec()
+    }
+
+    fn odometry(sequence: u8) -> Vec<u8> {
+        // A marker in the middle of it, and no zero at its end.
+        let message = ODOMETRY_DATA { time_usec: 0xFDFE_FDFE, quality: 1, ..ODOMETRY_DATA::default() };
+        v2(sequence, &MavMessage::ODOMETRY(message))
+    }
+
+    fn attitude(sequence: u8) -> Vec<u8> {
+        v1(
+            sequence,
+            &MavMessage::ATTITUDE(ATTITUDE_DATA {
+                time_boot_ms: 7,
+                yawspeed: 1.0,
+                ..ATTITUDE_DATA::default()
+            }),
+        )
+    }
+
+    /// Sequences of what is found when the bytes come in pieces of this size.
+    fn found(bytes: &[u8], piece: usize) -> (Vec<u8>, FrameTally) {
+        let (mut decoder, mut sequences) = (Decoder::default(), Vec::new());
+        for piece in bytes.chunks(piece) {
+            decoder.feed(piece);
+            decoder.take_all(|frame| sequences.push(frame.sequence));
+        }
+        (sequences, decoder.tally())
+    }
+
+    /// Written by pymavlink 2.4.50: heartbeat_send(2, 12, 81, 0, 4) of system 1, component 1, once in each version.
+    const HEARTBEATS: [u8; 38] = [
+        0xfd, 9, 0, 0, 0, 1, 1, 0, 0, 0, 0, 0, 0, 0, 2, 12, 81, 4, 3, 0x1b, 0x74, //
+        0xfe, 9, 1, 1, 1, 0, 0, 0, 0, 0, 2, 12, 81, 4, 3, 0x6b, 0xc9,
+    ];
+
+    #[test]
+    fn frames_of_pymavlink_are_read_in_both_versions() {
+        let (sequences, tally) = found(&HEARTBEATS, HEARTBEATS.len());
+        assert_eq!((sequences, tally.garbage_bytes, tally.crc_failures), (vec![0, 1], 0, 0));
+    }
+
+    #[test]
+    fn frames_are_found_in_pieces_of_any_size() {
+        let bytes = [odometry(1), attitude(2), odometry(3)].concat();
+        for piece in 1..bytes.len() {
+            let (sequences, tally) = found(&bytes, piece);
+            assert_eq!(sequences, [1, 2, 3], "in pieces of {piece}");
+            assert_eq!((tally.frames, tally.garbage_bytes, tally.crc_failures), (3, 0, 0));
+            assert_eq!(tally.bytes, bytes.len() as u64);
+        }
+    }
+
+    #[test]
+    fn half_a_packet_delays_and_hides_nothing() {
+        for length in 1..odometry(9).len() {
+            let half = &odometry(9)[..length];
+            let (mut decoder, mut sequences) = (Decoder::default(), Vec::new());
+            for bytes in [half, &attitude(1)] {
+                decoder.feed(bytes);
+                decoder.take_all(|frame| sequences.push(frame.sequence));
+            }
+            assert_eq!(sequences, [1], "after {length} bytes");
+            assert_eq!(decoder.tally().garbage_bytes, length as u64);
+        }
+    }
+
+    #[test]
+    fn a_wrong_sum_and_an_unknown_message_are_counted_as_such() {
+        let mut wrong = odometry(1);
+        *wrong.last_mut().unwrap() ^= 1;
+        let unknown = [0xFD, 2, 0, 0, 0, 1, 1, 163, 0, 0, 5, 6, 0xAA, 0xBB];
+        let (sequences, tally) = found(&[&wrong[..], &attitude(2), &unknown, &odometry(3)].concat(), 1 << 16);
+        assert_eq!(sequences, [2, 3]);
+        assert_eq!((tally.crc_failures, tally.unknown_messages, tally.garbage_bytes), (1, 1, 0));
+    }
+
+    #[test]
+    fn a_signed_frame_is_read_and_one_with_another_flag_is_not() {
+        let heartbeat = MavMessage::HEARTBEAT(HEARTBEAT_DATA::default());
+        let mut signed = v2(1, &heartbeat);
+        signed[2] = SIGNED;
+        let end = signed.len() - SUM;
+        let sum = calculate_crc(&signed[1..end], MavMessage::extra_crc(0));
+        signed[end..].copy_from_slice(&sum.to_le_bytes());
+        signed.extend([7; SIGNATURE]);
+        let mut strange = v2(2, &heartbeat);
+        strange[2] = 4;
+        let end = strange.len() - SUM;
+        let sum = calculate_crc(&strange[1..end], MavMessage::extra_crc(0));
+        strange[end..].copy_from_slice(&sum.to_le_bytes());
+        let (sequences, tally) = found(&[&signed[..], &strange, &attitude(3)].concat(), 1 << 16);
+        assert_eq!((sequences, tally.signed), (vec![1, 3], 1));
+        assert_eq!(tally.garbage_bytes, strange.len() as u64);
+    }
+
+    proptest! {
+        #[test]
+        fn random_bytes_between_frames_lose_none_and_every_byte_is_accounted_for(
+            noise in prop::collection::vec(prop::collection::vec(any::<u8>(), 0..300), 1..6),
+            piece in 1usize..400,
+        ) {
+            let mut bytes = Vec::new();
+            for (sequence, noise) in noise.iter().enumerate() {
+                bytes.extend_from_slice(noise);
+                bytes.extend(odometry(sequence as u8));
+            }
+            // As datagrams come: whole.
+            let (mut decoder, mut sequences) = (Decoder::default(), Vec::new());
+            for (sequence, noise) in noise.iter().enumerate() {
+                for bytes in [noise, &odometry(sequence as u8)] {
+                    decoder.feed(bytes);
+                    decoder.take_all(|frame| sequences.push((frame.system_id, frame.sequence)));
+                }
+            }
+            sequences.retain(|(system_id, _)| *system_id == 1);
+            prop_assert_eq!(sequences, (0..noise.len()).map(|k| (1, k as u8)).collect::<Vec<_>>());
+            // As a line gives them: in any pieces. No frame is made up, and no more bytes are kept than one frame has.
+            let (sequences, tally) = found(&bytes, piece);
+            prop_assert!(sequences.len() <= noise.len() + 1);
+            prop_assert!(tally.garbage_bytes <= tally.bytes && tally.bytes == bytes.len() as u64);
+        }
+
+        #[test]
+        fn no_bytes_make_it_fail(bytes in prop::collection::vec(any::<u8>(), 0..4000), piece in 1usize..5000) {
+            let (mut decoder, mut n) = (Decoder::default(), 0);
+            for piece in bytes.chunks(piece) {
+                decoder.feed(piece);
+                decoder.take_all(|frame| n += frame.payload().len());
+                prop_assert!(decoder.bytes.len() < 300);
+            }
+        }
+    }
+}

@@ -282,3 +282,49 @@ fn ports() -> String {
         false => format!("there are: {}", found.join(", ")),
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn addresses_are_read_and_written() {
+        let serial = |path: &str, baud| Address::Serial { path: path.into(), baud };
+        for (text, expected) in [
+            ("udp:0.0.0.0:14550", Address::Udp("0.0.0.0:14550".into())),
+            ("udp:[::1]:14550", Address::Udp("[::1]:14550".into())),
+            ("udpout:vehicle.local:14540", Address::UdpOut("vehicle.local:14540".into())),
+            ("serial:/dev/ttyUSB0:921600", serial("/dev/ttyUSB0", 921_600)),
+            ("serial:/dev/ttyACM0", serial("/dev/ttyACM0", DEFAULT_BAUD)),
+            // A colon and digits that are part of the name.
+            (
+                "serial:/dev/serial/by-path/pci-0000:00:14.0-usb-0:2:1.0",
+                serial("/dev/serial/by-path/pci-0000:00:14.0-usb-0:2:1.0", DEFAULT_BAUD),
+            ),
+        ] {
+            assert_eq!(text.parse(), Ok(expected.clone()), "{text}");
+            assert_eq!(expected.to_string().parse(), Ok(expected), "{text}");
+        }
+        for text in
+            ["", "udp", "udp:14550", "udp::14550", "udp:host:99999", "tcp:host:1", "serial:ttyUSB0", "14550"]
+        {
+            let refused = text.parse::<Address>().unwrap_err();
+            assert!(refused.contains("needed: udp:ADDRESS:PORT"), "{refused}");
+        }
+    }
+
+    #[test]
+    fn a_datagram_comes_with_its_sender_and_an_answer_finds_it() {
+        let link = Link::open(&"udp:127.0.0.1:0".parse().unwrap()).unwrap();
+        let Link::Udp(socket, None) = &link else { panic!("{link:?}") };
+        let mut bytes = [0; 100];
+        assert_eq!(link.receive(&mut bytes).unwrap(), None);
+        assert!(!link.send(b"nobody", None).unwrap());
+        let peer = UdpSocket::bind("127.0.0.1:0").unwrap();
+        peer.send_to(b"here", socket.local_addr().unwrap()).unwrap();
+        link.wait(Duration::from_secs(10));
+        assert_eq!(link.receive(&mut bytes).unwrap(), Some((4, Some(peer.local_addr().unwrap()))));
+        assert!(link.send(b"there", Some(peer.local_addr().unwrap())).unwrap());
+        assert_eq!(peer.recv(&mut bytes).unwrap(), 5);
+    }
+}

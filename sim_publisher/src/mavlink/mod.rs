@@ -553,7 +553,7 @@ fn wrong_heard(bridge: &Bridge, is_silent: bool) -> String {
             "on PX4: mavlink stream -u PORT -s ODOMETRY -r 100, or MAV_n_MODE = Onboard"
         }
         Some(MavAutopilot::MAV_AUTOPILOT_ARDUPILOTMEGA) => {
-            "on ArduPilot: SRn_POSITION and SRn_EXTRA1 = 50 for this port"
+            "on ArduPilot: SRn_POSITION and SRn_EXTRA1 = 50 (MAVn_… since 4.7), n counting the ports that speak MAVLink"
         }
         _ => "set the vehicle's streams",
     };
@@ -562,4 +562,73 @@ fn wrong_heard(bridge: &Bridge, is_silent: bool) -> String {
         bridge.vehicle().unwrap_or(0),
         heard.join(", ")
     )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::Parser;
+    use mavlink::dialects::common::SYS_STATUS_DATA;
+
+    #[derive(Parser)]
+    struct Line {
+        #[command(flatten)]
+        options: MavlinkOptions,
+    }
+
+    fn options(line: &str) -> MavlinkOptions {
+        Line::parse_from(line.split_whitespace()).options
+    }
+
+    fn heard(system_id: u32, messages: &[MavMessage]) -> Bridge {
+        let mut bridge = Bridge::new(Settings::default());
+        for (sequence, message) in messages.iter().enumerate() {
+            let mut frame = MAVLinkV2MessageRaw::new();
+            let header = MavHeader { system_id, component_id: 1, sequence: sequence as u8 };
+            frame.serialize_message(header, message);
+            bridge.receive(frame.raw_bytes(), None, S);
+        }
+        bridge
+    }
+
+    #[test]
+    fn what_is_missing_is_told_with_what_to_set() {
+        let status = MavMessage::SYS_STATUS(SYS_STATUS_DATA::default());
+        let of = |autopilot| MavMessage::HEARTBEAT(HEARTBEAT_DATA { autopilot, ..HEARTBEAT_DATA::default() });
+        for (autopilot, words) in [
+            (MavAutopilot::MAV_AUTOPILOT_PX4, "mavlink stream"),
+            (MavAutopilot::MAV_AUTOPILOT_ARDUPILOTMEGA, "SRn_POSITION"),
+        ] {
+            let said = wrong_heard(&heard(3, &[of(autopilot), status.clone()]), false);
+            assert!(said.contains("system 3 sends HEARTBEAT, SYS_STATUS and neither"), "{said}");
+            assert!(said.contains(words), "{said}");
+        }
+        let said = wrong_heard(&heard(255, &[of(MavAutopilot::MAV_AUTOPILOT_INVALID)]), false);
+        assert!(said.contains("no autopilot heard") && said.contains("255/1"), "{said}");
+        let mut noise = Bridge::new(Settings::default());
+        noise.receive(&[1; 77], None, S);
+        assert!(wrong_heard(&noise, false).contains("77 bytes heard and no MAVLink"));
+        let said = nothing_heard(&options("x --listen serial:/dev/ttyUSB0:921600"));
+        assert!(
+            said.contains("nothing heard at serial:/dev/ttyUSB0:921600 within 5 s; do baud rates agree"),
+            "{said}"
+        );
+    }
+
+    #[test]
+    fn options_become_settings() {
+        let line = "x --listen udp:0.0.0.0:14550 --system-id 4 --component-id 2 --source local-position --join-ms 2.5 \
+                    --thrust-n 40 --torque-n-m 1,2,3 --request-rate-hz 20";
+        let expected = Settings {
+            system_id: Some(4),
+            component_id: 2,
+            source: Source::LocalPosition,
+            join_ns: 2_500_000,
+            thrust_n: Some(40.0),
+            torque_n_m: Some([1.0, 2.0, 3.0]),
+            request_rate_hz: Some(20.0),
+        };
+        assert_eq!(options(line).settings().unwrap(), expected);
+        assert_eq!(options("x --listen udp:0.0.0.0:14550").settings().unwrap(), Settings::default());
+    }
 }
