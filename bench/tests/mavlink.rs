@@ -9,7 +9,7 @@ use common::{Role, TestDomain, text};
 use serde_json::Value;
 use shared_types::Client;
 use shared_types::client::Stream;
-use shared_types::payload::{Estimate, Measurement, Status, command, frame, status_bits, valid};
+use shared_types::payload::{Estimate, Measurement, Rejection, Status, command, frame, status_bits, valid};
 use std::io::{BufRead, BufReader, Read, Write};
 use std::net::UdpSocket;
 use std::path::{Path, PathBuf};
@@ -198,6 +198,19 @@ fn assert_samples(flight: &Flight, force_of_1_n: Option<f64>) -> Vec<f64> {
     later_s
 }
 
+/// The service took them all; only a machine that is too busy for it may leave some out, and says so.
+fn assert_accepted(status: &Status, n: u64) {
+    let rejected = |reason: Rejection| status.samples_rejected[reason as usize];
+    let too_busy = rejected(Rejection::Overload) + rejected(Rejection::TooOld);
+    println!(
+        "{} accepted, {too_busy} came to a loop that was late, {} lost",
+        status.samples_accepted, status.samples_lost
+    );
+    assert_eq!(status.samples_rejected_total(), too_busy, "{:?}", status.samples_rejected);
+    assert_eq!(status.samples_accepted + too_busy + status.samples_lost, n);
+    assert!(status.samples_accepted * 2 > n);
+}
+
 fn told(later_s: &[f64]) -> (f64, f64, f64) {
     let mut sorted = later_s.to_vec();
     sorted.sort_by(f64::total_cmp);
@@ -224,8 +237,7 @@ fn a_thousand_odometry_samples_go_in_and_the_estimates_come_back_as_odometry() {
     {
         assert_eq!(flight.bridge[none], 0, "{none}");
     }
-    assert_eq!(flight.status.samples_rejected_total(), 0);
-    assert_eq!(flight.status.samples_accepted + flight.status.samples_lost, 1000);
+    assert_accepted(&flight.status, 1000);
 
     // The vehicle answers TIMESYNC: no stamp is off by more than half of the round trip, and the clock's microsecond.
     let later_s = assert_samples(&flight, None);
@@ -257,11 +269,24 @@ fn a_thousand_odometry_samples_go_in_and_the_estimates_come_back_as_odometry() {
         assert_eq!(message["estimator_type"], 1);
     }
     assert!(compared * 10 >= returned.len() * 9, "{compared} of {} compared", returned.len());
-    // And it is an estimate of this flight.
-    let newest = flight.peer["sent"].as_array().unwrap().last().unwrap();
-    let last_m_s =
-        flight.estimates.iter().rfind(|e| e.status & status_bits::TRACKING != 0).unwrap().velocity_m_s;
-    assert_near(&last_m_s, &numbers::<3>(&newest["velocity"]), 0.5, "estimate of the velocity");
+    // And they are estimates of this flight, once they have found into it.
+    let mut errors_m_s: Vec<f64> = flight.samples[flight.samples.len() / 2..]
+        .iter()
+        .filter_map(|sample| {
+            let is_of_it =
+                |e: &&Estimate| e.status & status_bits::TRACKING != 0 && e.source_sequence == sample.sequence;
+            let estimate = flight.estimates.iter().find(is_of_it)?;
+            let off = estimate.velocity_m_s.iter().zip(&sample.velocity_m_s).map(|(a, b)| (a - b).powi(2));
+            Some(off.sum::<f64>().sqrt())
+        })
+        .collect();
+    errors_m_s.sort_by(f64::total_cmp);
+    println!(
+        "velocity off by {:.3} m/s in the median of {}",
+        errors_m_s[errors_m_s.len() / 2],
+        errors_m_s.len()
+    );
+    assert!(errors_m_s[errors_m_s.len() / 2] < 0.5);
 
     assert_eq!(flight.peer["sources"], serde_json::json!([[1, 197]]));
     assert!(flight.peer["heartbeats"].as_u64().unwrap() >= 3);
@@ -302,7 +327,7 @@ fn position_and_attitude_are_joined_and_the_thrust_becomes_a_force() {
     assert_eq!(flight.bridge["samples_published"], 600);
     assert_eq!(flight.bridge["samples_with_force"], 600);
     assert_eq!(flight.bridge["samples_out_of_order"], 0);
-    assert_eq!(flight.status.samples_rejected_total(), 0);
+    assert_accepted(&flight.status, flight.peer["sent"].as_array().unwrap().len() as u64);
     let (least_s, median_s, _) = told(&assert_samples(&flight, Some(39.2)));
     assert!(least_s > -0.1 && median_s < 0.1);
     // ODOMETRY was asked for and denied; so the others were, at their interval in µs.
@@ -345,7 +370,7 @@ fn garbage_half_packets_other_systems_and_a_reboot_do_no_harm() {
     assert_eq!(flight.bridge["frames_lost"], 0);
     assert!(flight.log.contains("the vehicle's clock was set anew, to 3.0"), "{}", flight.log);
     assert!(flight.log.contains("ODOMETRY in frame 4 with velocities in frame 12"), "{}", flight.log);
-    assert_eq!(flight.status.samples_rejected_total(), 0);
+    assert_accepted(&flight.status, flight.peer["sent"].as_array().unwrap().len() as u64);
     let (least_s, median_s, _) = told(&assert_samples(&flight, None));
     assert!(least_s > -0.1 && median_s < 0.1);
 }
@@ -384,7 +409,7 @@ fn a_serial_line_works_like_the_network_and_is_waited_for_when_it_goes() {
     assert_eq!(bridge["estimates_sent"], heard["odometry"].as_array().unwrap().len());
     assert!(heard["odometry"].as_array().unwrap().len() > 10);
     let status = client.command(command::STATUS, PATIENCE).unwrap().status;
-    assert_eq!(status.samples_accepted + status.samples_lost, 200);
+    assert_accepted(&status, 200);
     drop(client);
     assert!(daemon.stop().status.success());
 }
