@@ -237,7 +237,7 @@ class Vehicle:
                 injected["refused"] += 2
             elif kind == 6:
                 nothing = {name: [math.nan] * 3 for name in ("position", "body_velocity", "rates")}
-                self.odometry(self.mav, t, {**nothing, "quaternion": [math.nan] * 4})
+                self.odometry(self.mav, t, {**nothing, "quaternion": [math.nan] * 4}, reset=k // 200)
                 injected["without_numbers"] += 1
             elif kind == 7:
                 # A message that the common set lacks: AHRS (163) of ArduPilot.

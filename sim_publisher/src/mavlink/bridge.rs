@@ -167,6 +167,9 @@ pub struct Bridge {
     reset_counter: Option<u8>,
     requests: Vec<Request>,
     refusal_told: bool,
+    /// What may happen with every message is told once a second at most.
+    jump_told_ns: Option<u64>,
+    reset_told_ns: Option<u64>,
     signed_told: bool,
     samples: Vec<Measurement>,
     replies: Vec<MavMessage>,
@@ -202,6 +205,8 @@ impl Bridge {
             reset_counter: None,
             requests: Vec::new(),
             refusal_told: false,
+            jump_told_ns: None,
+            reset_told_ns: None,
             signed_told: false,
             samples: Vec::new(),
             replies: Vec::new(),
@@ -421,10 +426,13 @@ impl Bridge {
         self.frame = message.frame_id;
         if self.reset_counter.replace(message.reset_counter).is_some_and(|old| old != message.reset_counter) {
             self.tally.estimate_resets += 1;
-            self.notes.push(format!(
-                "the vehicle's estimate jumped (reset counter {}): so do the samples",
-                message.reset_counter
-            ));
+            if !is_recent(self.jump_told_ns, receive_ns) {
+                self.jump_told_ns = Some(receive_ns);
+                let counter = message.reset_counter;
+                self.notes.push(format!(
+                    "the vehicle's estimate jumped (reset counter {counter}): so do the samples"
+                ));
+            }
         }
         let vehicle_ns = i128::from(message.time_usec) * 1000;
         self.join(Half::Whole, TimeBase::Microseconds, vehicle_ns, receive_ns, motion);
@@ -460,10 +468,13 @@ impl Bridge {
         if self.clock_of(base).observe(vehicle_ns, receive_ns) == Observed::Reset {
             self.pending = None;
             self.tally.clock_resets += 1;
-            self.notes.push(format!(
-                "the vehicle's clock was set anew, to {:.3} s: a reboot? samples go on with a new offset",
-                vehicle_ns as f64 * 1e-9
-            ));
+            if !is_recent(self.reset_told_ns, receive_ns) {
+                self.reset_told_ns = Some(receive_ns);
+                self.notes.push(format!(
+                    "the vehicle's clock was set anew, to {:.3} s: a reboot? samples go on with a new offset",
+                    vehicle_ns as f64 * 1e-9
+                ));
+            }
             self.begin_requests();
         }
         let pending = self.pending.get_or_insert(Pending {
