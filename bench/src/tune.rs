@@ -336,15 +336,13 @@ impl Search<'_> {
     }
 
     fn best_of<'t>(&self, tried: &'t [Tried], without: Option<usize>, price: f64) -> Option<&'t Tried> {
-        let cost =
-            |tried: &Tried| self.cost_of(&tried.blocks, without) + price * self.distance(&tried.coordinates);
+        let cost = |tried: &Tried| self.cost_of(&tried.blocks, without) + price * self.distance(&tried.coordinates);
         tried.iter().min_by(|a, b| cost(a).total_cmp(&cost(b)))
     }
 
     /// Squared distance from the start, in logarithms.
     fn distance(&self, coordinates: &[f64]) -> f64 {
-        let square =
-            |(index, c): (usize, &f64)| if index == 4 { c - self.start_spacing.ln() } else { *c }.powi(2);
+        let square = |(index, c): (usize, &f64)| if index == 4 { c - self.start_spacing.ln() } else { *c }.powi(2);
         coordinates.iter().enumerate().map(square).sum()
     }
 
