@@ -23,7 +23,7 @@ use std::process::ExitCode;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
-/// The vehicle's side of the estimation service: a simulated vehicle, or a recorded flight, as live samples.
+/// The vehicle's side of the estimation service: a simulated vehicle, a recorded flight, or a live one, as samples.
 ///
 /// Results go to stdout, the log to stderr. Exit code 0: done (Ctrl-C included); 1: failed while running;
 /// 2: wrong usage.
@@ -75,9 +75,10 @@ Examples:
     /// Bridges to a live vehicle: its MAVLink messages as samples, the estimate back
     #[command(after_help = "\
 Taken: ODOMETRY, or LOCAL_POSITION_NED with ATTITUDE_QUATERNION or ATTITUDE;
-thrust from ATTITUDE_TARGET, with --thrust-n. Sent: HEARTBEAT, TIMESYNC, and what
-is asked for; without signatures. An estimate made from a vehicle's own estimate
-is no second sensor: let no vehicle fuse what --send returns of its own data.
+thrust from ATTITUDE_TARGET, with --thrust-n. Sent: HEARTBEAT, TIMESYNC, and
+what is asked for; without signatures. An estimate made from a vehicle's own
+estimate is no second sensor: let no vehicle fuse what --send returns of its own
+data.
 
 Examples:
   # Whoever sends to this port: PX4, ArduPilot, or a router

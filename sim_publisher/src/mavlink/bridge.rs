@@ -823,6 +823,8 @@ mod tests {
         let settings =
             Settings { thrust_n: Some(10.0), torque_n_m: Some([1.0, 2.0, 3.0]), ..Settings::default() };
         let mut vehicle = Vehicle::of(settings);
+        let sample = vehicle.says(999, &MavMessage::ODOMETRY(odometry(999)))[0];
+        assert!(!sample.has(valid::FORCE) && !sample.has(valid::TORQUE));
         let controls = [0.5, 0.5, -0.5, 0.25, 0.0, 0.0, 0.0, 0.0];
         let target = ACTUATOR_CONTROL_TARGET_DATA { controls, ..Default::default() };
         vehicle.says(1000, &MavMessage::ACTUATOR_CONTROL_TARGET(target));
