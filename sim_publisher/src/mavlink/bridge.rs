@@ -721,7 +721,7 @@ mod tests {
     fn two_halves_within_the_tolerance_are_one_sample_in_either_order() {
         let mut vehicle = Vehicle::of(Settings::default());
         for k in 0..10 {
-            let (first, second) = (1020 + 20 * k, 1020 + 20 * k + k as u32 % 6);
+            let (first, second) = (1020 + 20 * k, 1020 + 20 * k + k % 6);
             let halves = [position(first), attitude(second)];
             let order = if k % 2 == 0 { [0, 1] } else { [1, 0] };
             assert_eq!(vehicle.says(second.into(), &halves[order[0]]), []);
@@ -752,7 +752,8 @@ mod tests {
     #[test]
     fn beyond_the_tolerance_they_stay_apart_and_an_older_one_is_left_out() {
         let mut vehicle = Vehicle::of(Settings::default());
-        (vehicle.says(1000, &position(1000)), vehicle.says(1000, &attitude(1000)));
+        vehicle.says(1000, &position(1000));
+        vehicle.says(1000, &attitude(1000));
         let made = vehicle.bridge.tally().samples;
         assert_eq!(vehicle.says(1020, &position(1020)), []);
         let samples = vehicle.says(1026, &attitude(1026));

@@ -78,7 +78,7 @@ impl FrameTally {
 
 /// What the bytes from a marker on are.
 enum Candidate {
-    Whole(usize, Frame),
+    Whole(usize),
     WrongSum(usize),
     UnknownMessage(usize),
     Unfinished,
@@ -112,7 +112,11 @@ impl Decoder {
             self.skip(&mut at, skipped);
             let rest = &self.bytes[at..];
             match candidate(rest) {
-                Candidate::Whole(length, frame) => {
+                Candidate::Whole(length) => {
+                    let mut frame = header(rest);
+                    let end = frame_length(&frame) - SUM;
+                    let payload = &rest[end - frame.payload_length..end];
+                    frame.payload[..payload.len()].copy_from_slice(payload);
                     self.tally.frames += 1;
                     self.tally.signed += u64::from(length > frame_length(&frame));
                     at += length;
@@ -172,46 +176,52 @@ fn frame_length(frame: &Frame) -> usize {
 /// Where, after the first byte and before `end`, a whole frame begins.
 fn whole_within(bytes: &[u8], end: usize) -> Option<usize> {
     (1..end).find(|&offset| {
-        is_marker(bytes[offset]) && matches!(candidate(&bytes[offset..]), Candidate::Whole(..))
+        is_marker(bytes[offset]) && matches!(candidate(&bytes[offset..]), Candidate::Whole(_))
     })
 }
 
-fn candidate(bytes: &[u8]) -> Candidate {
-    let (version, header) = match bytes[0] {
-        MARKER_V1 => (MavlinkVersion::V1, HEADER_V1),
-        _ => (MavlinkVersion::V2, HEADER_V2),
+/// The header's fields of a frame that is at least as long as its header.
+fn header(bytes: &[u8]) -> Frame {
+    let mut frame = Frame {
+        version: MavlinkVersion::V1,
+        sequence: bytes[2],
+        system_id: bytes[3],
+        component_id: bytes[4],
+        message_id: u32::from(bytes[5]),
+        payload: [0; LONGEST_PAYLOAD],
+        payload_length: usize::from(bytes[1]),
     };
-    let is_v2 = version == MavlinkVersion::V2;
+    if bytes[0] == MARKER_V2 {
+        frame.version = MavlinkVersion::V2;
+        [frame.sequence, frame.system_id, frame.component_id] = [bytes[4], bytes[5], bytes[6]];
+        frame.message_id = u32::from_le_bytes([bytes[7], bytes[8], bytes[9], 0]);
+    }
+    frame
+}
+
+fn candidate(bytes: &[u8]) -> Candidate {
+    let is_v2 = bytes[0] == MARKER_V2;
     if is_v2 && bytes.get(2).is_some_and(|flags| flags & !SIGNED != 0) {
         return Candidate::Nothing;
     }
-    if bytes.len() < header {
+    if bytes.len() < if is_v2 { HEADER_V2 } else { HEADER_V1 } {
         return Candidate::Unfinished;
     }
-    let payload_length = usize::from(bytes[1]);
+    let frame = header(bytes);
     let signature = if is_v2 && bytes[2] & SIGNED != 0 { SIGNATURE } else { 0 };
-    let end = header + payload_length;
-    let length = end + SUM + signature;
+    let length = frame_length(&frame) + signature;
     if bytes.len() < length {
         return Candidate::Unfinished;
     }
-    let (sequence, system_id, component_id, message_id) = match version {
-        MavlinkVersion::V1 => (bytes[2], bytes[3], bytes[4], u32::from(bytes[5])),
-        MavlinkVersion::V2 => {
-            (bytes[4], bytes[5], bytes[6], u32::from_le_bytes([bytes[7], bytes[8], bytes[9], 0]))
-        }
-    };
-    if !MavMessage::all_ids().contains(&message_id) {
+    if !MavMessage::all_ids().contains(&frame.message_id) {
         return Candidate::UnknownMessage(length);
     }
+    let end = frame_length(&frame) - SUM;
     let sum = u16::from_le_bytes([bytes[end], bytes[end + 1]]);
-    if calculate_crc(&bytes[1..end], MavMessage::extra_crc(message_id)) != sum {
+    if calculate_crc(&bytes[1..end], MavMessage::extra_crc(frame.message_id)) != sum {
         return Candidate::WrongSum(length);
     }
-    let mut payload = [0; LONGEST_PAYLOAD];
-    payload[..payload_length].copy_from_slice(&bytes[header..end]);
-    let frame = Frame { version, sequence, system_id, component_id, message_id, payload, payload_length };
-    Candidate::Whole(length, frame)
+    Candidate::Whole(length)
 }
 
 #[cfg(test)]
