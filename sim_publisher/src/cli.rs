@@ -3,6 +3,8 @@
 use crate::faults::{
     Fault, FaultError, Faults, Faulty, Reach, Tally, check_faults, help as fault_help, read_faults,
 };
+use crate::mavlink::link::{Link, LinkError};
+use crate::mavlink::{MavlinkError, MavlinkOptions, bridge};
 use crate::publish::{Outgoing, Pace, Published, connect, publish};
 use crate::replay::{Format, ImportError, ImportOptions, read_flight, say_findings, write_table};
 use crate::scenario::Scenario;
@@ -11,7 +13,7 @@ use crate::simulation::{DEFAULT_RATE_HZ, Simulation, SimulationError, Simulation
 use crate::supervise::{self, Message, SuperviseError, Supervised, supervise};
 use clap::{Args, Parser, Subcommand};
 use shared_types::service::ServiceError;
-use shared_types::{ClientError, Domain, DomainError};
+use shared_types::{Client, ClientError, Domain, DomainError};
 use shared_types::{logln, outln};
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 use std::cell::Cell;
@@ -21,7 +23,7 @@ use std::process::ExitCode;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
-/// The vehicle's side of the estimation service: a simulated vehicle, or a recorded flight, as live samples.
+/// The vehicle's side of the estimation service: a simulated vehicle, a recorded flight, or a live one, as samples.
 ///
 /// Results go to stdout, the log to stderr. Exit code 0: done (Ctrl-C included); 1: failed while running;
 /// 2: wrong usage.
@@ -76,6 +78,32 @@ Examples:
   sim_publisher inspect flight.ulg
   sim_publisher inspect flight.csv --column time_s=t --json")]
     Inspect(InspectArgs),
+    /// Bridges to a live vehicle: its MAVLink messages as samples, the estimate back
+    #[command(after_help = "\
+Taken: ODOMETRY, or LOCAL_POSITION_NED with ATTITUDE_QUATERNION or ATTITUDE;
+thrust from ATTITUDE_TARGET, with --thrust-n. Sent: HEARTBEAT, TIMESYNC, and
+what is asked for; without signatures. An estimate made from a vehicle's own
+estimate is no second sensor: let no vehicle fuse what --send returns of its own
+data.
+
+Examples:
+  # Whoever sends to this port: PX4, ArduPilot, or a router
+  sim_publisher mavlink --listen udp:0.0.0.0:14550
+  # On the vehicle's serial port, asking for 100 Hz; the thrust in newtons
+  sim_publisher mavlink --listen serial:/dev/ttyUSB0:921600 \\
+      --request-rate-hz 100 --thrust-n 39.2
+  # The estimate back, to another program
+  sim_publisher mavlink --listen udp:127.0.0.1:14550 --send odometry \\
+      --send-to 127.0.0.1:14560 --send-rate-hz 30")]
+    Mavlink(MavlinkArgs),
+}
+
+#[derive(Debug, Args)]
+struct MavlinkArgs {
+    #[command(flatten)]
+    mavlink: MavlinkOptions,
+    #[command(flatten)]
+    target: TargetArgs,
 }
 
 #[derive(Debug, Args)]
@@ -196,6 +224,10 @@ enum Failure {
     Domain(#[from] DomainError),
     #[error(transparent)]
     Client(#[from] ClientError),
+    #[error(transparent)]
+    Mavlink(#[from] MavlinkError),
+    #[error(transparent)]
+    Link(#[from] LinkError),
     #[error("{0}")]
     Usage(String),
     #[error("cannot write '{path}': {cause}")]
@@ -210,6 +242,8 @@ impl Failure {
             Self::Client(ClientError::Service(ServiceError::InstanceName(_))) => 2,
             // The worker's own: it said why.
             Self::Supervise(SuperviseError::Ended(code)) => u8::try_from(*code).unwrap_or(1),
+            Self::Mavlink(MavlinkError::Option(_)) => 2,
+            Self::Mavlink(_) | Self::Link(_) => 1,
             Self::Client(_) | Self::Signals(_) | Self::Supervise(_) | Self::Table { .. } => 1,
             Self::Simulation(_) | Self::Faults(_) | Self::Import(_) | Self::Domain(_) | Self::Usage(_) => 2,
         }
@@ -235,6 +269,7 @@ pub fn main_with_args(args: impl IntoIterator<Item = OsString>) -> ExitCode {
         Command::Run(args) => run(&args),
         Command::Replay(args) => replay(&args),
         Command::Inspect(args) => inspect(&args),
+        Command::Mavlink(args) => mavlink(&args),
     };
     match outcome {
         Ok(()) => ExitCode::SUCCESS,
@@ -437,21 +472,33 @@ fn stop_flag() -> Result<Arc<AtomicBool>, Failure> {
     Ok(stop)
 }
 
-/// Waits for the service and publishes; nothing where a stop came before the service.
-fn publish_source(
-    target: &TargetArgs,
-    what: &str,
-    source: impl Iterator<Item = Outgoing>,
-    pace: Pace,
-    started: impl FnOnce(&Published),
-) -> Result<Published, Failure> {
+/// Takes from a live vehicle until the end, and gives the estimate back.
+fn mavlink(args: &MavlinkArgs) -> Result<(), Failure> {
+    let MavlinkArgs { mavlink: options, target } = args;
+    options.settings()?;
+    // First: a wire that cannot be used is told before anybody waits for the service.
+    let link = Link::open(options.address())?;
+    let stop = stop_flag()?;
+    let Some((domain, client)) = connected(target, &stop)? else { return Ok(()) };
+    logln!("{} to instance '{}' in {}", options.address(), target.instance, domain.root().display());
+    let bridged = bridge(options, link, &client, &stop)?;
+    drop(client);
+    domain.remove_if_unused()?;
+    match target.json {
+        true => outln!("{}", bridged.document()),
+        false => outln!("{}", bridged.line()),
+    }
+    Ok(())
+}
+
+/// The service of this instance, once it is there; `None` where a stop came first.
+fn connected(target: &TargetArgs, stop: &AtomicBool) -> Result<Option<(Domain, Client)>, Failure> {
     let domain = match &target.root {
         Some(root) => Domain::at(root)?,
         None => Domain::of_user()?,
     };
-    let stop = stop_flag()?;
     let (instance, root) = (&target.instance, domain.root().display());
-    let client = connect(&domain, instance, &stop, || {
+    let client = connect(&domain, instance, stop, || {
         logln!(
             "waiting for the service of instance '{instance}' in {root}; \
              start it: daemon run --instance {instance} --root {root}"
@@ -460,8 +507,24 @@ fn publish_source(
     let Some(client) = client else {
         logln!("stopped before the service of instance '{instance}' was there; nothing was published");
         domain.remove_if_unused()?;
+        return Ok(None);
+    };
+    Ok(Some((domain, client)))
+}
+
+/// Waits for the service and publishes; nothing where a stop came before the service.
+fn publish_source(
+    target: &TargetArgs,
+    what: &str,
+    source: impl Iterator<Item = Outgoing>,
+    pace: Pace,
+    started: impl FnOnce(&Published),
+) -> Result<Published, Failure> {
+    let stop = stop_flag()?;
+    let Some((domain, client)) = connected(target, &stop)? else {
         return Ok(Published { stopped: true, ..Published::default() });
     };
+    let (instance, root) = (&target.instance, domain.root().display());
     logln!("publishing to instance '{instance}' in {root}: {what}");
     let published = publish(&client, source, pace, &stop, started)?;
     drop(client);
@@ -579,6 +642,14 @@ mod tests {
             "sim_publisher replay --format acsl /no/such.log --column time_s=t",
             "sim_publisher replay --format csv /no/such.csv --speed 0",
             "sim_publisher replay --format csv /no/such.csv --speed NaN",
+            "sim_publisher mavlink",
+            "sim_publisher mavlink --listen udp:14550",
+            "sim_publisher mavlink --listen udp:127.0.0.1:0 --thrust-n 0",
+            "sim_publisher mavlink --listen udp:127.0.0.1:0 --join-ms NaN",
+            "sim_publisher mavlink --listen udp:127.0.0.1:0 --send-to 127.0.0.1:1",
+            "sim_publisher mavlink --listen udp:127.0.0.1:0 --silent --send odometry",
+            "sim_publisher mavlink --listen udp:127.0.0.1:0 --system-id 0",
+            "sim_publisher mavlink --listen serial:/dev/null --send odometry --send-to 127.0.0.1:1",
         ] {
             assert_eq!(code_of(line), ExitCode::from(2), "{line}");
         }

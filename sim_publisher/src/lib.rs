@@ -11,6 +11,7 @@
 //! | [`simulation`] | all of them together: an iterator over samples, without clock or files |
 //! | [`replay`] | recorded flights as samples |
 //! | [`inspect`] | what a log holds, and how to go on with it |
+//! | [`mavlink`] | a live vehicle as samples, and the estimate back to it |
 //! | [`publish`] | samples into shared memory, each at its own stamp |
 //! | [`supervise`] | the publishing process stopped, killed and started again, on purpose |
 //! | [`cli`] | the program |
@@ -34,6 +35,7 @@ pub mod cli;
 pub mod disturbance;
 pub mod faults;
 pub mod inspect;
+pub mod mavlink;
 pub mod plant;
 pub mod publish;
 pub mod replay;
