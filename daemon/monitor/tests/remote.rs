@@ -4,10 +4,13 @@
 
 mod common;
 
-use common::{PATIENCE, Role, TestDomain, monitor, play_role};
+use common::{PATIENCE, Role, TestDomain, play_role};
 use iceoryx2::config::Config;
 use iceoryx2::port::publisher::Publisher;
 use iceoryx2::prelude::*;
+use monitor::link::{Link, Whence};
+use monitor::model::{Model, Presence};
+use monitor::screen::now;
 use shared_types::clock::monotonic_ns;
 use shared_types::payload::status_bits;
 use shared_types::{Client, ClientError, Estimate, Status, Truth};
@@ -95,7 +98,7 @@ fn clocks() -> [i64; 2] {
 
 /// `monitor` with these arguments while the mirror ticks: what it prints, and what was sent.
 fn watched(domain: &TestDomain, mirror: &mut Mirror, arguments: &[&str]) -> (String, Vec<Estimate>) {
-    let mut monitor = monitor(domain, arguments).stdout(Stdio::piped()).spawn().map(Role).unwrap();
+    let mut monitor = common::monitor(domain, arguments).stdout(Stdio::piped()).spawn().map(Role).unwrap();
     let mut output = monitor.0.stdout.take().unwrap();
     let reader = std::thread::spawn(move || {
         let mut text = String::new();
@@ -134,11 +137,33 @@ fn the_age_is_that_of_the_estimate_and_not_of_the_clock() {
         let domain = TestDomain::new();
         let mut mirror = Mirror::new(&domain);
         mirror.clock_ahead_ns = clock_ahead_ns;
-        let (text, _) = watched(&domain, &mut mirror, &["--remote", "--once"]);
-        let heading = text.lines().nth(1).unwrap();
-        let age = heading.split("estimate ").nth(1).unwrap();
-        assert!(age.contains(" ms old") || age.contains("0.0 s old"), "{text}");
+        let mut link = Link::new(domain.domain.clone(), "vehicle", Whence::AnotherMachine, monotonic_ns());
+        let mut model = Model::new("vehicle");
+        let since = Instant::now();
+        while model.estimate.is_none_or(|estimate| estimate.sequence < 20) {
+            assert!(since.elapsed() < PATIENCE, "no estimate comes");
+            mirror.tick();
+            link.look(monotonic_ns(), |news| model.note(news)).unwrap();
+        }
+        assert_eq!(model.presence, Presence::Here);
+        // Nothing comes any more: the newest one grows old, and is missed.
+        let silent = Instant::now();
+        std::thread::sleep(Duration::from_millis(1500));
+        link.look(monotonic_ns(), |news| model.note(news)).unwrap();
+        assert!(matches!(model.presence, Presence::Away { .. }), "{:?}", model.presence);
+        let age_ns = model.estimate_age_ns(now(&model).monotonic_ns).unwrap();
+        let bounds_ns = 1500 * S / 1000..=(silent.elapsed() + PATIENCE).as_nanos() as u64;
+        assert!(bounds_ns.contains(&age_ns), "{age_ns}");
     }
+}
+
+#[test]
+fn one_status_and_estimate_as_text() {
+    let domain = TestDomain::new();
+    let mut mirror = Mirror::new(&domain);
+    mirror.clock_ahead_ns = clocks()[0];
+    let (text, sent) = watched(&domain, &mut mirror, &["--remote", "--once"]);
+    assert!(text.contains("estimate ") && text.contains("LATENCY") && !sent.is_empty(), "{text}");
 }
 
 #[test]
@@ -148,7 +173,7 @@ fn a_reboot_of_the_other_machine_is_followed() {
     let [ahead_ns, started_now_ns] = clocks();
     mirror.clock_ahead_ns = ahead_ns;
     let monitor =
-        monitor(&domain, &["--remote", "--json", "--count", "100000"]).stdout(Stdio::piped()).spawn();
+        common::monitor(&domain, &["--remote", "--json", "--count", "100000"]).stdout(Stdio::piped()).spawn();
     let mut monitor = Role(monitor.unwrap());
     let mut output = monitor.0.stdout.take().unwrap();
     let reader = std::thread::spawn(move || {
@@ -183,7 +208,11 @@ fn without_remote_foreign_stamps_are_refused_with_what_to_do() {
         let mut mirror = Mirror::new(&domain);
         mirror.clock_ahead_ns = clock_ahead_ns;
         let mut monitor = Role(
-            monitor(&domain, &["--json"]).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap(),
+            common::monitor(&domain, &["--json"])
+                .stdout(Stdio::piped())
+                .stderr(Stdio::piped())
+                .spawn()
+                .unwrap(),
         );
         let since = Instant::now();
         while since.elapsed() < Duration::from_secs(3) {
