@@ -121,6 +121,20 @@ Examples:
   # The rate and the settings of a configuration
   daemon doctor --config vehicle.toml --json")]
     Doctor(doctor::DoctorArguments),
+    /// Print the domain's iceoryx2 configuration, for programs of others.
+    ///
+    /// iox2, and the link to another machine (docs/across-machines.md), read it as config/iceoryx2.toml in
+    /// the directory in which they are started. The root path is made here, if it is missing, so that it is
+    /// this user's alone.
+    #[command(after_help = "\
+Examples:
+  mkdir -p link/config
+  daemon iceoryx2-config > link/config/iceoryx2.toml")]
+    Iceoryx2Config {
+        /// Root path of the shared-memory domain [default: /dev/shm/observer-UID].
+        #[arg(long, value_name = "PATH", env = shared_types::domain::ROOT_VARIABLE)]
+        root: Option<PathBuf>,
+    },
     /// Talk to a running service.
     #[command(after_help = "\
 Examples:
@@ -285,6 +299,7 @@ pub fn main_with_args(args: impl IntoIterator<Item = OsString>) -> ExitCode {
         }
         Task::Check { json, design } => check(json, &design),
         Task::Doctor(arguments) => doctor::run(&arguments),
+        Task::Iceoryx2Config { root } => iceoryx2_config(root.as_deref()),
         Task::Control { action, json, place } => control(action, json, &place),
     };
     match done {
@@ -315,11 +330,23 @@ impl DesignArguments {
 
 impl PlaceArguments {
     pub(crate) fn domain(&self) -> Result<Domain, DomainError> {
-        match &self.root {
-            Some(root) => Domain::at(root),
-            None => Domain::of_user(),
-        }
+        domain_at(self.root.as_deref())
     }
+}
+
+fn domain_at(root: Option<&Path>) -> Result<Domain, DomainError> {
+    match root {
+        Some(root) => Domain::at(root),
+        None => Domain::of_user(),
+    }
+}
+
+fn iceoryx2_config(root: Option<&Path>) -> anyhow::Result<()> {
+    let domain = domain_at(root)?;
+    // Whoever reads this would make the root path open to its group, and without our lock in it.
+    drop(domain.lock_for_making()?);
+    outln!("{}", toml::to_string(&domain.config_for_others()).context("write as TOML")?.trim_end());
+    Ok(())
 }
 
 fn run(

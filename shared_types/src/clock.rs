@@ -18,3 +18,81 @@ pub fn sleep_until_ns(deadline_ns: u64) {
     // The only possible error is an interruption: the caller looks at the clock again.
     let _ = clock_nanosleep_absolute(ClockId::Monotonic, &deadline);
 }
+
+/// The least offset is sought over two of these: clocks drift apart by milliseconds meanwhile, at most (ns).
+const SPAN_NS: u64 = 60 * NS_PER_S;
+/// Stamps that go back by more come from a clock that was started anew (ns).
+const BACK_NS: u64 = NS_PER_S;
+
+/// The CLOCK_MONOTONIC of another machine, as far as the stamps of its messages tell it here.
+///
+/// `offset = min over the last one to two minutes of (arrival − stamp)`
+///
+/// That is what separates the two clocks plus the shortest way from there to here, which one side alone cannot
+/// tell apart: an age judged by it is the time *beyond* that shortest way.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct SenderClock {
+    /// Ours minus theirs (ns): the least of the span before and of this one.
+    least_ns: [Option<i64>; 2],
+    span_end_ns: u64,
+    newest_stamp_ns: u64,
+}
+
+impl SenderClock {
+    /// Takes note of a message; true if its machine has started its clock anew, as at a reboot.
+    pub fn note(&mut self, stamp_ns: u64, arrival_ns: u64) -> bool {
+        let is_anew = stamp_ns.saturating_add(BACK_NS) < self.newest_stamp_ns;
+        if is_anew {
+            *self = Self::default();
+        }
+        self.newest_stamp_ns = self.newest_stamp_ns.max(stamp_ns);
+        if arrival_ns >= self.span_end_ns {
+            self.least_ns = [self.least_ns[1], None];
+            self.span_end_ns = arrival_ns.saturating_add(SPAN_NS);
+        }
+        let offset_ns = arrival_ns.wrapping_sub(stamp_ns) as i64;
+        self.least_ns[1] = Some(self.least_ns[1].map_or(offset_ns, |least_ns| least_ns.min(offset_ns)));
+        is_anew
+    }
+
+    /// What that clock shows when ours shows `now_ns`; ours as it is before the first message.
+    pub fn at(&self, now_ns: u64) -> u64 {
+        let offset_ns = self.least_ns.into_iter().flatten().min().unwrap_or(0);
+        now_ns.saturating_add_signed(offset_ns.saturating_neg())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const S: u64 = NS_PER_S;
+    const MS: u64 = S / 1000;
+
+    #[test]
+    fn ages_count_from_the_shortest_way_whatever_separates_the_clocks() {
+        for (ours_ns, theirs_ns) in [(1000 * S, 9_000_000 * S), (9_000_000 * S, 1000 * S), (S, S)] {
+            let mut clock = SenderClock::default();
+            assert_eq!(clock.at(ours_ns), ours_ns);
+            for (sent_ms, way_ms) in [(0, 9), (5, 3), (10, 30)] {
+                assert!(!clock.note(theirs_ns + sent_ms * MS, ours_ns + (sent_ms + way_ms) * MS));
+            }
+            // The message sent at 10 ms is, at 40 ms, 30 ms old; 27 more than the shortest way.
+            assert_eq!(clock.at(ours_ns + 40 * MS) - (theirs_ns + 10 * MS), 27 * MS);
+        }
+    }
+
+    #[test]
+    fn a_drift_is_followed_within_two_minutes_and_a_reboot_at_once() {
+        let mut clock = SenderClock::default();
+        // Theirs is slow by a part in a thousand: 0.36 s fall behind within six minutes.
+        let sent = |after_s: u64| 500 * S + after_s * 999 * MS;
+        for after_s in 0..360 {
+            assert!(!clock.note(sent(after_s), 1000 * S + after_s * S));
+        }
+        let seen_ns = clock.at(1000 * S + 359 * S).abs_diff(sent(359));
+        assert!(seen_ns <= 2 * SPAN_NS / 1000, "{seen_ns}");
+        assert!(clock.note(20 * S, 1400 * S), "it has started anew");
+        assert_eq!(clock.at(1401 * S), 21 * S);
+    }
+}

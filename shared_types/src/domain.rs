@@ -7,6 +7,7 @@
 //! stop every later start. So whoever makes something first takes the domain's lock and removes what a
 //! dead maker left half-made.
 
+use crate::service;
 use iceoryx2::node::NodeView;
 use iceoryx2::prelude::{
     CallbackProgression, Config, FileName, Node, NodeState, Path as IoxPath, SemanticString, ipc,
@@ -151,6 +152,20 @@ impl Domain {
         let root = self.root.to_str().expect("checked by Domain::at").as_bytes();
         config.global.prefix = FileName::new(self.prefix.as_bytes()).expect("checked by Domain::at");
         config.global.set_root_path(&IoxPath::new(root).expect("checked by Domain::at"));
+        config
+    }
+
+    /// The same for programs that are not ours, such as the link between machines (docs/across-machines.md). The
+    /// services that those make themselves, mirrors of ours, have qualities like those that the daemon gives.
+    pub fn config_for_others(&self) -> Config {
+        let mut config = self.config();
+        let topic = &mut config.defaults.publish_subscribe;
+        topic.max_subscribers = service::MAX_READERS;
+        topic.max_publishers = service::MAX_SOURCES;
+        topic.max_nodes = service::MAX_NODES;
+        topic.subscriber_max_buffer_size = service::ESTIMATE_BUFFER;
+        topic.publisher_history_size = 1;
+        topic.enable_safe_overflow = true;
         config
     }
 

@@ -29,7 +29,7 @@ pub const MAX_READERS: usize = 32;
 /// Sources of one instance, whether used or refused.
 pub const MAX_SOURCES: usize = 8;
 /// Processes (nodes) that use one service.
-const MAX_NODES: usize = 64;
+pub(crate) const MAX_NODES: usize = 64;
 
 /// A node of this process in a domain.
 pub type Node = iceoryx2::node::Node<ipc::Service>;

@@ -2,7 +2,7 @@
 //!
 //! stdout carries results, stderr the log. Exit codes: 0 done, 1 failed while running, 2 wrong usage.
 
-use crate::link::{Link, News};
+use crate::link::{Link, News, Whence};
 use crate::model::{Model, Presence};
 use crate::screen::{self, now};
 use crate::sections::text;
@@ -12,7 +12,7 @@ use clap::Parser;
 use serde::Serialize;
 use shared_types::payload::status_bits;
 use shared_types::service::{ServiceError, check_instance_name};
-use shared_types::{Client, Domain, DomainError, Estimate, Status};
+use shared_types::{Client, ClientError, Domain, DomainError, Estimate, Status};
 use shared_types::{clock::monotonic_ns, logln};
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 use std::ffi::OsString;
@@ -38,6 +38,8 @@ Examples:
   monitor --instance auv1 --fps 1
   # The status as text, once
   monitor --once
+  # A vehicle on another machine, beside the tunnel
+  monitor --remote --root /dev/shm/ground
   # A hundred estimates for a script
   monitor --json --count 100 > estimates.jsonl"
 )]
@@ -48,6 +50,10 @@ struct Arguments {
     /// Root path of the shared-memory domain [default: /dev/shm/observer-UID]
     #[arg(long, value_name = "PATH", env = shared_types::domain::ROOT_VARIABLE)]
     root: Option<PathBuf>,
+    /// The service runs on another machine, and a link brings what it says (docs/across-machines.md): ages count from
+    /// the shortest way here, and no command crosses it
+    #[arg(long)]
+    remote: bool,
     /// Pictures per second at most, 0.1 to 60: fewer on a slow link
     #[arg(long, value_name = "HZ", default_value_t = 4.0, value_parser = parse_fps)]
     fps: f64,
@@ -119,16 +125,17 @@ fn run(arguments: &Arguments) -> anyhow::Result<()> {
             .and_then(|_| signal_hook::flag::register(signal, Arc::clone(&stop)))
             .context("register signal handler")?;
     }
+    let whence = if arguments.remote { Whence::AnotherMachine } else { Whence::ThisMachine };
     match arguments {
-        Arguments { once: true, json, instance, .. } => once(&domain, instance, *json),
-        Arguments { json: true, count, instance, .. } => lines(&domain, instance, *count, &stop),
+        Arguments { once: true, json, instance, .. } => once(&domain, instance, whence, *json),
+        Arguments { json: true, count, instance, .. } => lines(&domain, instance, whence, *count, &stop),
         _ if !stdout().is_terminal() => Err(NoTerminal("the output is no terminal").into()),
         _ if std::env::var_os("TERM").is_some_and(|term| term == "dumb") => {
             Err(NoTerminal("TERM is 'dumb'").into())
         }
         Arguments { instance, fps, .. } => {
             let no_colour = std::env::var_os("NO_COLOR").is_some_and(|value| !value.is_empty());
-            screen::run(&domain, instance, *fps, Theme { is_coloured: !no_colour }, &stop)
+            screen::run(&domain, instance, whence, *fps, Theme { is_coloured: !no_colour }, &stop)
         }
     }
 }
@@ -153,7 +160,7 @@ struct Document<'a> {
     status: &'a Status,
 }
 
-fn once(domain: &Domain, instance: &str, json: bool) -> anyhow::Result<()> {
+fn once(domain: &Domain, instance: &str, whence: Whence, json: bool) -> anyhow::Result<()> {
     let mut model = Model::new(instance);
     {
         let client = Client::connect(domain, instance, ONCE_PATIENCE);
@@ -161,12 +168,26 @@ fn once(domain: &Domain, instance: &str, json: bool) -> anyhow::Result<()> {
             // A domain that only this question has made is taken away again, if it can be.
             let _ = domain.remove_if_unused();
         }
-        let client = client?;
+        let client = match client {
+            Err(ClientError::NoDaemon { .. }) if whence == Whence::AnotherMachine => anyhow::bail!(
+                "nothing of '{instance}' comes over the link within {} s; needed: its service, a tunnel on its machine and one here (docs/across-machines.md)",
+                ONCE_PATIENCE.as_secs()
+            ),
+            client => client?,
+        };
         let mut statuses = client.status_subscriber()?;
         let mut estimates = client.estimate_subscriber()?;
         let asked_ns = monotonic_ns();
-        // What a dead service said last is older than the question.
-        let is_new = |stamp_ns: u64| stamp_ns + 1_000_000_000 > asked_ns;
+        // What a dead service said last is older than the question. On another machine's clock only a second message
+        // tells that it lives.
+        let is_new = |stamp_ns: u64, n_heard: &mut u64| {
+            *n_heard += 1;
+            match whence {
+                Whence::ThisMachine => stamp_ns + 1_000_000_000 > asked_ns,
+                Whence::AnotherMachine => *n_heard > 1,
+            }
+        };
+        let (mut n_statuses, mut n_estimates) = (0, 0);
         while model.estimate.is_none() || model.status.is_none() {
             let waited_s = (monotonic_ns() - asked_ns) as f64 / 1e9;
             anyhow::ensure!(
@@ -174,12 +195,18 @@ fn once(domain: &Domain, instance: &str, json: bool) -> anyhow::Result<()> {
                 "no {} within {waited_s:.1} s; does the service run? (daemon control status)",
                 if model.estimate.is_none() { "estimate" } else { "status" },
             );
-            while let Some(status) = statuses.take()?.filter(|status| is_new(status.stamp_ns)) {
-                model.note(News::Status(status));
+            while let Some(status) = statuses.take()? {
+                if is_new(status.stamp_ns, &mut n_statuses) {
+                    model.note(News::Status(status));
+                }
             }
-            while let Some(estimate) = estimates.take()?.filter(|estimate| is_new(estimate.publish_stamp_ns))
-            {
-                model.note(News::Estimate(estimate));
+            while let Some(estimate) = estimates.take()? {
+                if whence == Whence::AnotherMachine {
+                    model.clock.note(estimate.publish_stamp_ns, monotonic_ns());
+                }
+                if is_new(estimate.publish_stamp_ns, &mut n_estimates) {
+                    model.note(News::Estimate(estimate));
+                }
             }
             std::thread::sleep(LOOK_EVERY);
         }
@@ -188,14 +215,20 @@ fn once(domain: &Domain, instance: &str, json: bool) -> anyhow::Result<()> {
         (Some(estimate), Some(status)) if json => {
             serde_json::to_string_pretty(&Document { estimate: EstimateLine::of(estimate), status })?
         }
-        _ => text(&model, now(), TEXT_WIDTH),
+        _ => text(&model, now(&model), TEXT_WIDTH),
     };
     writeln!(stdout(), "{printed}")?;
     Ok(())
 }
 
-fn lines(domain: &Domain, instance: &str, count: Option<u64>, stop: &AtomicBool) -> anyhow::Result<()> {
-    let mut link = Link::new(domain.clone(), instance, monotonic_ns());
+fn lines(
+    domain: &Domain,
+    instance: &str,
+    whence: Whence,
+    count: Option<u64>,
+    stop: &AtomicBool,
+) -> anyhow::Result<()> {
+    let mut link = Link::new(domain.clone(), instance, whence, monotonic_ns());
     let mut presence = Presence::Unknown;
     let mut left = count.unwrap_or(u64::MAX);
     while !stop.load(Ordering::Relaxed) && left > 0 {
@@ -203,12 +236,13 @@ fn lines(domain: &Domain, instance: &str, count: Option<u64>, stop: &AtomicBool)
         let looked = link.look(monotonic_ns(), |news| match news {
             News::Estimate(estimate) => estimates.push(estimate),
             News::Away { since_ns, why } => {
-                if !matches!(presence, Presence::Away { .. }) {
+                // Said once, and again when it is another one.
+                if !matches!(&presence, Presence::Away { why: before, .. } if *before == why) {
                     logln!("monitor: no estimate comes, waiting: {why}");
                 }
                 presence = Presence::Away { since_ns, why };
             }
-            News::Status(_) | News::Truth(_) => {}
+            News::Status(_) | News::Truth(_) | News::Clock(_) | News::Rebooted => {}
         });
         looked?;
         if !estimates.is_empty() {

@@ -3,8 +3,14 @@
 //! A service that was killed and started again is heard on the same ports, one that was stopped and continued too
 //! (found by trying). But whoever holds ports keeps their services in being, and so keeps away a service of another
 //! version: ports are given back soon after the last estimate, and opened anew until one comes again.
+//!
+//! On this machine the age of an estimate is the clock's affair, and one whose stamp is not of this clock is not
+//! taken. What comes from another machine ([`Whence::AnotherMachine`]) has stamps of that machine's clock, which is
+//! learned from them; the first estimate that new ports bring may be the last of a service long dead, and only the
+//! next one tells that it lives.
 
 use shared_types::client::Stream;
+use shared_types::clock::SenderClock;
 use shared_types::{Client, ClientError, Domain, Estimate, Status, Truth};
 use std::time::Duration;
 
@@ -16,6 +22,15 @@ const GRACE_NS: u64 = 2_000_000_000;
 /// From one look for a service that is away to the next (ns).
 const RETRY_NS: u64 = 500_000_000;
 
+/// Where the service runs.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Whence {
+    /// Here.
+    ThisMachine,
+    /// Elsewhere: a link brings its messages into the domain.
+    AnotherMachine,
+}
+
 /// What a look has brought.
 #[derive(Debug, Clone, PartialEq)]
 #[allow(clippy::large_enum_variant)] // taken by value at once, never kept in numbers
@@ -26,9 +41,13 @@ pub enum News {
     Status(Status),
     /// The true state, where a simulator publishes it.
     Truth(Truth),
+    /// What the clock of the service's machine shows, where that is another one.
+    Clock(SenderClock),
+    /// The service's machine was started anew: what was heard before has stamps of another clock.
+    Rebooted,
     /// No estimate comes.
     Away {
-        /// CLOCK_MONOTONIC of the newest estimate, or of the first look (ns).
+        /// CLOCK_MONOTONIC of the service's machine at the newest estimate, or at the first look (ns).
         since_ns: u64,
         /// What was found, and what to do.
         why: String,
@@ -43,14 +62,19 @@ struct Ports {
     // Dropped last: the others live in it.
     _client: Client,
     opened_ns: u64,
+    /// Estimates that these ports have brought, and those of them whose stamps are not of this clock.
+    n_brought: u64,
+    n_foreign: u64,
 }
 
 /// A reader of one instance. Stays on the thread that makes it.
 pub struct Link {
     domain: Domain,
     instance: String,
+    whence: Whence,
+    clock: SenderClock,
     ports: Option<Ports>,
-    /// Publication of the newest estimate, or the first look.
+    /// Publication (of another machine's service: arrival) of the newest estimate, or the first look.
     newest_ns: u64,
     /// Publication of the newest estimate alone.
     told_ns: u64,
@@ -61,10 +85,12 @@ pub struct Link {
 
 impl Link {
     /// A reader that has not looked yet.
-    pub fn new(domain: Domain, instance: &str, now_ns: u64) -> Self {
+    pub fn new(domain: Domain, instance: &str, whence: Whence, now_ns: u64) -> Self {
         Self {
             domain,
             instance: instance.into(),
+            whence,
+            clock: SenderClock::default(),
             ports: None,
             newest_ns: now_ns,
             told_ns: 0,
@@ -97,11 +123,28 @@ impl Link {
                 news(News::Truth(truth));
             }
             while let Some(estimate) = ports.estimates.take()? {
+                let stamp_ns = estimate.publish_stamp_ns;
+                ports.n_brought += 1;
                 // New ports are told the newest estimate once more, even that of a service long dead.
-                let is_old = estimate.publish_stamp_ns + self.silence_ns < ports.opened_ns;
-                if !is_old && estimate.publish_stamp_ns > self.told_ns {
-                    self.told_ns = estimate.publish_stamp_ns;
-                    self.newest_ns = self.newest_ns.max(self.told_ns);
+                let (is_live, at_ns) = match self.whence {
+                    Whence::ThisMachine => {
+                        let is_of_this_clock =
+                            stamp_ns + self.silence_ns >= ports.opened_ns && stamp_ns <= now_ns + SILENCE_NS;
+                        ports.n_foreign += u64::from(!is_of_this_clock);
+                        (is_of_this_clock, stamp_ns)
+                    }
+                    Whence::AnotherMachine => {
+                        if self.clock.note(stamp_ns, now_ns) {
+                            self.told_ns = 0;
+                            news(News::Rebooted);
+                        }
+                        news(News::Clock(self.clock));
+                        (ports.n_brought > 1, now_ns)
+                    }
+                };
+                if is_live && stamp_ns > self.told_ns {
+                    self.told_ns = stamp_ns;
+                    self.newest_ns = self.newest_ns.max(at_ns);
                     news(News::Estimate(estimate));
                 }
             }
@@ -109,7 +152,7 @@ impl Link {
         let silent_ns = now_ns.saturating_sub(self.newest_ns);
         if silent_ns > self.silence_ns && now_ns >= self.next_inquiry_ns {
             self.next_inquiry_ns = now_ns + RETRY_NS;
-            news(News::Away { since_ns: self.newest_ns, why: self.why()? });
+            news(News::Away { since_ns: self.clock.at(self.newest_ns), why: self.why()? });
         }
         let grace_ns = self.silence_ns + GRACE_NS;
         let opened_ns = self.ports.as_ref().map_or(0, |ports| ports.opened_ns);
@@ -144,11 +187,24 @@ impl Link {
             estimates: client.estimate_subscriber()?,
             _client: client,
             opened_ns,
+            n_brought: 0,
+            n_foreign: 0,
         })
     }
 
     fn why(&self) -> Result<String, ClientError> {
-        Ok(match self.domain.instance_holder(&self.instance)? {
+        if self.whence == Whence::AnotherMachine {
+            return Ok(format!(
+                "none comes over the link: the service of '{}', or one of the two tunnels, does not run, or the network is down",
+                self.instance
+            ));
+        }
+        let holder = self.domain.instance_holder(&self.instance)?;
+        // The last one of a service that died is one; more of them are sent by somebody.
+        if holder.is_none() && self.ports.as_ref().is_some_and(|ports| ports.n_foreign > 1) {
+            return Ok("estimates come whose stamps are not of this machine's clock; if a link brings them from another machine: monitor --remote".into());
+        }
+        Ok(match holder {
             Some(pid) => {
                 format!("process {pid} runs it and publishes nothing: it is stopped, hangs, or starts")
             }

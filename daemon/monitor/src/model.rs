@@ -3,6 +3,7 @@
 use crate::history::{Histogram, History};
 use crate::link::News;
 use crate::truth::{Comparison, TruthError};
+use shared_types::clock::SenderClock;
 use shared_types::payload::{Rejection, status_bits};
 use shared_types::{Channel, Estimate, Status};
 use std::collections::VecDeque;
@@ -140,7 +141,7 @@ pub enum Presence {
     Here,
     /// None comes.
     Away {
-        /// CLOCK_MONOTONIC of the newest estimate, or of the first look (ns).
+        /// CLOCK_MONOTONIC of the service's machine at the newest estimate, or at the first look (ns).
         since_ns: u64,
         /// What was found, and what to do.
         why: String,
@@ -156,6 +157,8 @@ pub struct Model {
     pub estimate: Option<Estimate>,
     /// The newest status.
     pub status: Option<Status>,
+    /// The clock of all stamps: of this machine, unless the service runs on another one.
+    pub clock: SenderClock,
     /// Where the service is.
     pub presence: Presence,
     /// How often the service was seen to start anew.
@@ -186,6 +189,7 @@ impl Model {
             instance: instance.into(),
             estimate: None,
             status: None,
+            clock: SenderClock::default(),
             presence: Presence::Unknown,
             restarts: 0,
             vectors: vectors(),
@@ -206,6 +210,8 @@ impl Model {
             News::Estimate(estimate) => self.note_estimate(&estimate),
             News::Status(status) => self.note_status(status),
             News::Truth(truth) => self.comparison.note_truth(&truth),
+            News::Clock(clock) => self.clock = clock,
+            News::Rebooted => *self = Self::new(&std::mem::take(&mut self.instance)),
             News::Away { since_ns, why } => self.presence = Presence::Away { since_ns, why },
         }
     }

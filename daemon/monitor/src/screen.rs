@@ -4,7 +4,7 @@
 //! times a second: a slow link carries it.
 
 use crate::draw::{View, draw};
-use crate::link::{Link, News};
+use crate::link::{Link, News, Whence};
 use crate::model::Model;
 use crate::theme::Theme;
 use crate::words::{Level, Now, verdict};
@@ -35,10 +35,10 @@ const MESSAGE_SHOWN: Duration = Duration::from_secs(8);
 const CONNECT_PATIENCE: Duration = Duration::from_millis(500);
 const COMMAND_PATIENCE: Duration = Duration::from_secs(20);
 
-/// The present.
-pub fn now() -> Now {
+/// The present, by the clock of the service's machine.
+pub fn now(model: &Model) -> Now {
     let unix_s = UNIX_EPOCH.elapsed().map_or(0, |since| since.as_secs());
-    Now { monotonic_ns: monotonic_ns(), unix_s }
+    Now { monotonic_ns: model.clock.at(monotonic_ns()), unix_s }
 }
 
 /// Shows `instance` until `q`, Ctrl-C or a signal, `fps` times a second at most.
@@ -48,14 +48,16 @@ pub fn now() -> Now {
 pub fn run(
     domain: &Domain,
     instance: &str,
+    whence: Whence,
     fps: f64,
     theme: Theme,
     stop: &Arc<AtomicBool>,
 ) -> anyhow::Result<()> {
-    let reader = Reader::start(domain.clone(), instance, Arc::clone(stop));
+    let reader = Reader::start(domain.clone(), instance, whence, Arc::clone(stop));
     let mut terminal = ratatui::try_init().context("take over the terminal")?;
     let mut screen = Screen {
         domain: domain.clone(),
+        whence,
         reader: &reader,
         view: View::new(theme),
         still: None,
@@ -78,12 +80,12 @@ impl Reader {
     /// Ends the program where it has to end, by `signalled` or because the terminal is gone, and the terminal keeps
     /// it: crossterm 0.29 never comes back from a terminal that was closed (its issue 793), and one that takes no
     /// more output holds whoever writes.
-    fn start(domain: Domain, instance: &str, signalled: Arc<AtomicBool>) -> Self {
+    fn start(domain: Domain, instance: &str, whence: Whence, signalled: Arc<AtomicBool>) -> Self {
         let model = Arc::new(Mutex::new(Model::new(instance)));
         let stop = Arc::new(AtomicBool::new(false));
         let (its_model, its_stop, instance) = (Arc::clone(&model), Arc::clone(&stop), instance.to_string());
         let follow = move || {
-            let mut link = Link::new(domain, &instance, monotonic_ns());
+            let mut link = Link::new(domain, &instance, whence, monotonic_ns());
             let mut failing_since_ns = None;
             while !its_stop.load(Ordering::Relaxed) {
                 if signalled.load(Ordering::Relaxed) || terminal_is_gone() {
@@ -140,6 +142,7 @@ fn lock(model: &Mutex<Model>) -> MutexGuard<'_, Model> {
 
 struct Screen<'a> {
     domain: Domain,
+    whence: Whence,
     reader: &'a Reader,
     view: View,
     /// What stands still while paused.
@@ -185,13 +188,13 @@ impl Screen<'_> {
     }
 
     fn draw(&mut self, terminal: &mut DefaultTerminal) -> anyhow::Result<()> {
-        let now = now();
+        let model = lock(&self.reader.model).clone();
+        let now = now(&model);
         if let Some((still, at)) = &self.still {
-            self.view.paused = Some(verdict(&lock(&self.reader.model), now));
+            self.view.paused = Some(verdict(&model, now));
             terminal.draw(|frame| draw(frame, still, &self.view, *at)).context("draw")?;
         } else {
             self.view.paused = None;
-            let model = lock(&self.reader.model).clone();
             terminal.draw(|frame| draw(frame, &model, &self.view, now)).context("draw")?;
         }
         Ok(())
@@ -220,7 +223,11 @@ impl Screen<'_> {
             KeyCode::Char('p' | ' ') => {
                 self.still = match self.still.take() {
                     Some(_) => None,
-                    None => Some((lock(&self.reader.model).clone(), now())),
+                    None => {
+                        let model = lock(&self.reader.model).clone();
+                        let now = now(&model);
+                        Some((model, now))
+                    }
                 };
             }
             KeyCode::Char('s') => self.command("save", command::SAVE),
@@ -242,6 +249,10 @@ impl Screen<'_> {
 
     /// Sends a command from a thread of its own: the picture goes on.
     fn command(&mut self, name: &'static str, kind: u32) {
+        if self.whence == Whence::AnotherMachine {
+            self.say(Level::Caution, "no command crosses the link: on that machine, daemon control …");
+            return;
+        }
         if self.answer.is_some() {
             self.say(Level::Caution, "the command before is still under way");
             return;
