@@ -51,7 +51,7 @@ impl FlightArguments {
             (Some(path), _, _) => ConfigFile::read(path)?,
             (None, Some(name), _) => ConfigFile::preset(name)?,
             (None, None, Format::Acsl) => ConfigFile::preset("acsl-x8")?,
-            (None, None, Format::Csv | Format::Ulog) => ConfigFile::preset("rigid-body")?,
+            (None, None, Format::Csv | Format::Mcap | Format::Ulog) => ConfigFile::preset("rigid-body")?,
         };
         let flight = read_flight(format, &self.file, &self.import)?;
         if flight.skipped_rows() > 0 {

@@ -206,6 +206,7 @@ impl Model {
             News::Estimate(estimate) => self.note_estimate(&estimate),
             News::Status(status) => self.note_status(status),
             News::Truth(truth) => self.comparison.note_truth(&truth),
+            News::Measurement(_) => {}
             News::Away { since_ns, why } => self.presence = Presence::Away { since_ns, why },
         }
     }
