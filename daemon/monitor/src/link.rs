@@ -80,8 +80,9 @@ impl Link {
     }
 
     /// The same, which takes the vehicle's measurements, too.
-    pub fn with_measurements(self) -> Self {
-        Self { has_measurements: true, ..self }
+    pub fn with_measurements(mut self) -> Self {
+        self.has_measurements = true;
+        self
     }
 
     /// Takes what has come by now, and says at most twice a second that, and why, nothing comes.

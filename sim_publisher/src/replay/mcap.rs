@@ -80,9 +80,10 @@ fn recording(bytes: &[u8], name: &str, topic: Option<&str>) -> Result<RecordedFl
     let ending = end.as_ref().map(|(_, end)| format!("; {end}")).unwrap_or_default();
     if flights.len() > 1 {
         let found = list(flights.keys().map(String::as_str).collect());
-        return Err(wrong(format!(
-            "it has measurements of several vehicles; needed: --topic, one of {found}"
-        )));
+        return Err(wrong(
+            name,
+            format!("it has measurements of several vehicles; needed: --topic, one of {found}"),
+        ));
     }
     match flights.into_values().next() {
         Some(Flight { mut collector, .. }) => {
