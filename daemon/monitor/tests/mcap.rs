@@ -380,6 +380,7 @@ fn a_recording_goes_on_across_a_killed_service_and_is_whole_without_its_end() {
     ears.listen_for(Duration::from_millis(1500));
     let killed_ns = monotonic_ns();
     recording.kill();
+    ears.listen_for(Duration::from_millis(100));
     drop(vehicle);
     let heard = &ears.heard.measurements;
     assert!(heard.len() > n_before, "no samples after the restart");

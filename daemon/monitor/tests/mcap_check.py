@@ -87,7 +87,7 @@ async def stream(url, wanted):
     import websockets
 
     channels, subscriptions, messages = {}, {}, {}
-    async with websockets.connect(url, subprotocols=["foxglove.sdk.v1"], max_size=None) as socket:
+    async with websockets.connect(url, subprotocols=["foxglove.sdk.v1"], max_size=None, close_timeout=0.5) as socket:
         result = {"subprotocol": socket.subprotocol}
         while not messages or min(len(m["messages"]) for m in messages.values()) < wanted:
             received = await asyncio.wait_for(socket.recv(), 60)

@@ -5,7 +5,10 @@
 //! the names are the same. A file without its end, of a recorder that was killed, is read up to there.
 
 use super::{Collector, CsvMap, ImportError, RecordedFlight, SkipReason, TimeUnit, table};
-use mcap::{Channel, McapError, Message, MessageStream};
+use mcap::read::ChannelAccumulator;
+use mcap::records::{MessageHeader, Record};
+use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReader, LinearReaderOptions};
+use mcap::{Channel, McapError, Message, parse_record};
 use prost_reflect::{DescriptorPool, DynamicMessage, MessageDescriptor, ReflectMessage, Value};
 use shared_types::Measurement;
 use shared_types::payload::valid;
@@ -13,6 +16,8 @@ use std::collections::{BTreeMap, BTreeSet};
 
 /// The schema that `monitor record` gives to measurements.
 const SCHEMA: &str = "measurement.Measurement";
+/// A record may be longer than the file that holds it, compressed; but not than this (bytes).
+const LONGEST_RECORD: usize = 1 << 26;
 
 /// The flight of the columns that the map names, else the measurements of `topic`, or of the only one.
 ///
@@ -37,12 +42,52 @@ fn each(
     name: &str,
     mut take: impl FnMut(u64, &Message<'_>),
 ) -> Result<Option<(u64, String)>, ImportError> {
-    let stream = MessageStream::new(bytes).map_err(|error| wrong(name, told(&error)))?;
-    for (line, message) in (1..).zip(stream) {
-        match message {
-            Ok(message) => take(line, &message),
-            // What comes after cannot be found any more; a file that was cut is good until here.
-            Err(error) => return Ok(Some((line, told(&error)))),
+    // No record of a file is longer; without a limit a length of garbage overflows in the reader.
+    let limit = bytes.len().max(LONGEST_RECORD);
+    let mut reader =
+        LinearReader::new_with_options(LinearReaderOptions::default().with_record_length_limit(limit));
+    let mut channels = ChannelAccumulator::default();
+    let (mut rest, mut line, mut is_summary) = (bytes, 0, false);
+    // What comes after an error cannot be found any more; a file that was cut is good until there.
+    let ends = |line: u64, error: &McapError| match (error, line) {
+        (McapError::BadMagic, 0) => Err(wrong(name, told(error))),
+        _ => Ok(Some((line + 1, told(error)))),
+    };
+    while let Some(event) = reader.next_event() {
+        let record = match event {
+            Ok(LinearReadEvent::ReadRequest(needed)) => {
+                let (next, after) = rest.split_at(needed.min(rest.len()));
+                reader.insert(next.len()).copy_from_slice(next);
+                reader.notify_read(next.len());
+                rest = after;
+                continue;
+            }
+            Ok(LinearReadEvent::Record { opcode, data }) => parse_record(opcode, data),
+            Err(error) => return ends(line, &error),
+        };
+        let noted = match record {
+            // The summary says everything once more.
+            Ok(_) if is_summary => Ok(()),
+            Ok(Record::Schema { header, data }) => channels.add_schema(header, data.into_owned().into()),
+            Ok(Record::Channel(channel)) => channels.add_channel(channel),
+            Ok(Record::Message { header, data }) => match channels.get(header.channel_id) {
+                Some(channel) => {
+                    line += 1;
+                    let MessageHeader { sequence, log_time, publish_time, .. } = header;
+                    take(line, &Message { channel, sequence, log_time, publish_time, data });
+                    Ok(())
+                }
+                None => Err(McapError::UnknownChannel(header.sequence, header.channel_id)),
+            },
+            Ok(Record::DataEnd(_)) => {
+                is_summary = true;
+                Ok(())
+            }
+            Ok(_) => Ok(()),
+            Err(error) => Err(error),
+        };
+        if let Err(error) = noted {
+            return ends(line, &error);
         }
     }
     Ok(None)
@@ -366,7 +411,6 @@ fn told(error: &McapError) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use mcap::records::MessageHeader;
     use mcap::{Compression, WriteOptions};
     use std::io::Cursor;
 
