@@ -46,7 +46,8 @@ fn check(python: &Path, arguments: &[&str]) -> Value {
     serde_json::from_slice(&output.stdout).unwrap()
 }
 
-/// What our own client hears on the same services.
+/// What our own client hears on the same services. Vehicles send at 50 Hz, so that 64 samples of a queue last for a second:
+/// where other tests take the processor, nobody misses one.
 struct Ears {
     measurements: Stream<Measurement>,
     estimates: Stream<Estimate>,
@@ -268,7 +269,7 @@ fn a_public_reader_finds_in_a_recording_what_was_published() {
     let recording = recorder(&domain, &file, &[]);
     let mut vehicle = Role::start(
         &domain,
-        "sim_publisher run --scenario rigid-body --duration 2 --dropout-probability 0.05",
+        "sim_publisher run --scenario rigid-body --rate-hz 50 --duration 4 --dropout-probability 0.05",
     );
     ears.listen(|| vehicle.0.try_wait().unwrap().is_some());
     ears.listen_for(Duration::from_millis(600));
@@ -279,11 +280,11 @@ fn a_public_reader_finds_in_a_recording_what_was_published() {
     // Samples that the vehicle lost on purpose are gaps; nothing else is missing.
     let (first, last) = (measurements[0].sequence, measurements.last().unwrap().sequence);
     let n = measurements.len() as u64;
-    assert!(n > 300 && last - first + 1 > n, "{n} samples, {first} … {last}");
+    assert!(n > 150 && last - first + 1 > n, "{n} samples, {first} … {last}");
     assert_eq!(tally(&summary, "/vehicle/measurement"), [n, last - first + 1 - n, 0]);
     assert_eq!(tally(&summary, "/vehicle/truth"), [truths.len() as u64, 0, 0]);
     let [n_estimates, missing, restarts] = tally(&summary, "/vehicle/estimate");
-    assert!(n_estimates > 400 && (missing, restarts) == (0, 0), "{summary}");
+    assert!(n_estimates > 20 && (missing, restarts) == (0, 0), "{summary}");
 
     // Our own reader first, which needs no Python.
     let flight = read_flight(Format::Mcap, &file, &ImportOptions::default()).unwrap();
@@ -371,12 +372,12 @@ fn a_recording_goes_on_across_a_killed_service_and_is_whole_without_its_end() {
     wait_until("the service", || domain.status().ticks > 0);
     let mut ears = Ears::of(&domain);
     let recording = recorder(&domain, &file, &["--compression", "none"]);
-    let vehicle = Role::start(&domain, "sim_publisher run --scenario rigid-body");
+    let vehicle = Role::start(&domain, "sim_publisher run --scenario rigid-body --rate-hz 50");
     ears.listen_for(Duration::from_millis(700));
     service.kill();
     let _service = Role::start(&domain, "daemon run --preset rigid-body");
     let n_before = ears.heard.measurements.len();
-    wait_until("estimates", || domain.status().ticks > 50);
+    ears.listen(|| domain.status().ticks > 20);
     ears.listen_for(Duration::from_millis(1500));
     let killed_ns = monotonic_ns();
     recording.kill();
@@ -388,7 +389,7 @@ fn a_recording_goes_on_across_a_killed_service_and_is_whole_without_its_end() {
     // Nearly all is there: what was sent up to a second before the kill.
     let flight = read_flight(Format::Mcap, &file, &ImportOptions::default()).unwrap();
     let n_old = heard.iter().filter(|sample| sample.stamp_ns + 1_000_000_000 < killed_ns).count();
-    assert!(flight.samples.len() >= n_old && n_old > 200, "{} of {n_old}", flight.samples.len());
+    assert!(flight.samples.len() >= n_old && n_old > 40, "{} of {n_old}", flight.samples.len());
     assert!(flight.samples.len() <= heard.len());
     assert_same_bits(&flight.samples, &from_the_first(heard)[..flight.samples.len()]);
     assert!(flight.skipped.to_string().contains("cut off"), "{}", flight.skipped);
@@ -399,7 +400,7 @@ fn a_recording_goes_on_across_a_killed_service_and_is_whole_without_its_end() {
     let found = check(&python, &["cut", file.to_str().unwrap()]);
     let n_found = found["counts"]["/vehicle/measurement"].as_u64().unwrap() as usize;
     assert!((n_old..=heard.len()).contains(&n_found), "{n_found} of {n_old}: {found}");
-    assert!(found["counts"]["/vehicle/estimate"].as_u64().unwrap() > 200, "{found}");
+    assert!(found["counts"]["/vehicle/estimate"].as_u64().unwrap() > 20, "{found}");
 }
 
 /// Cut anywhere or with any byte spoilt, a recording gives a shorter result or a sentence.
@@ -442,7 +443,7 @@ fn a_websocket_client_receives_the_live_stream() {
     let service = Role::start(&domain, "daemon run --preset rigid-body");
     wait_until("the service", || domain.status().ticks > 0);
     let mut ears = Ears::of(&domain);
-    let vehicle = Role::start(&domain, "sim_publisher run --scenario rigid-body");
+    let vehicle = Role::start(&domain, "sim_publisher run --scenario rigid-body --rate-hz 50");
     let mut command = monitor(&domain, &["serve", "--listen", "127.0.0.1:0"]);
     let mut server = Role(command.stdout(Stdio::piped()).stderr(Stdio::null()).spawn().unwrap());
     let mut url = String::new();
