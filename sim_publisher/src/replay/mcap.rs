@@ -42,10 +42,11 @@ fn each(
     name: &str,
     mut take: impl FnMut(u64, &Message<'_>),
 ) -> Result<Option<(u64, String)>, ImportError> {
-    // No record of a file is longer; without a limit a length of garbage overflows in the reader.
-    let limit = bytes.len().max(LONGEST_RECORD);
-    let mut reader =
-        LinearReader::new_with_options(LinearReaderOptions::default().with_record_length_limit(limit));
+    // Without a limit and a look at the check sums first, lengths of garbage overflow in the reader (mcap 0.26.0).
+    let options = LinearReaderOptions::default()
+        .with_record_length_limit(bytes.len().max(LONGEST_RECORD))
+        .with_prevalidate_chunk_crcs(true);
+    let mut reader = LinearReader::new_with_options(options);
     let mut channels = ChannelAccumulator::default();
     let (mut rest, mut line, mut is_summary) = (bytes, 0, false);
     // What comes after an error cannot be found any more; a file that was cut is good until there.
