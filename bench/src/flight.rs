@@ -53,7 +53,7 @@ impl FlightArguments {
             (None, Some(name), _) => ConfigFile::preset(name)?,
             (None, None, Format::Acsl) => ConfigFile::preset("acsl-x8")?,
             (None, None, Format::Record) => configuration_of_record(&self.file)?,
-            (None, None, Format::Csv | Format::Ulog) => ConfigFile::preset("rigid-body")?,
+            (None, None, Format::Csv | Format::Mcap | Format::Ulog) => ConfigFile::preset("rigid-body")?,
         };
         let flight = read_flight(format, &self.file, &self.import)?;
         say_findings(&flight, &self.file.display().to_string());

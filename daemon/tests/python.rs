@@ -3,6 +3,9 @@
 //!
 //!     UPDATE_PYTHON=1 cargo test -p daemon --test python
 
+#[path = "common/python.rs"]
+mod venv;
+
 use iceoryx2::service::static_config::message_type_details::{TypeDetail, TypeVariant};
 use serde_json::{Value, json};
 use shared_types::payload::{
@@ -13,8 +16,9 @@ use shared_types::{Domain, service};
 use std::fmt::Write as _;
 use std::fs;
 use std::io::Write as _;
-use std::path::{Path, PathBuf};
-use std::process::{Command, Output};
+use std::path::Path;
+use std::process::Command;
+use venv::{environment, pip_install, said};
 
 const SOURCE: &str = include_str!("../../shared_types/src/payload.rs");
 const README: &str = include_str!("../../README.md");
@@ -399,44 +403,15 @@ fn facts() -> Value {
     })
 }
 
-fn said(output: &Output) -> String {
-    String::from_utf8_lossy(&output.stdout).into_owned() + &String::from_utf8_lossy(&output.stderr)
-}
-
 /// Past the test's capture: nobody shall take a skipped test for a passed one.
 fn skip(reason: &str) {
     let _ = writeln!(std::io::stderr(), "skipped: the Python client against a live service: {reason}");
 }
 
-fn run(command: &mut Command) -> Result<(), String> {
-    match command.output() {
-        Ok(output) if output.status.success() => Ok(()),
-        Ok(output) => Err(format!("{command:?}: {}", said(&output))),
-        Err(error) => Err(format!("{command:?}: {error}")),
-    }
-}
-
-fn pip_install(python: &Path, what: &[&str]) -> Result<(), String> {
-    let quietly = ["-m", "pip", "install", "--quiet", "--disable-pip-version-check", "--no-input"];
-    run(Command::new(python).args(quietly).args(what))
-}
-
-/// The interpreter of an environment of its own, or why this machine gives none.
-fn environment() -> Result<PathBuf, String> {
-    let directory = Path::new(env!("CARGO_TARGET_TMPDIR")).join("python-client");
-    let python = directory.join("bin/python");
-    run(Command::new("python3").args(["-c", "import sys; sys.exit(sys.version_info < (3, 9))"]))?;
-    if run(Command::new(&python).args(["-m", "pip", "--version"])).is_err() {
-        run(Command::new("python3").args(["-m", "venv", "--clear"]).arg(&directory))?;
-    }
-    // Where this can be installed, what the package needs can be, too.
-    pip_install(&python, &["flit_core>=3.4,<5"])?;
-    Ok(python)
-}
-
 #[test]
 fn the_python_client_works_with_a_live_service() {
-    let python = match environment() {
+    // Where this can be installed, what the package needs can be, too.
+    let python = match environment("python-client", &["flit_core>=3.4,<5"]) {
         Ok(python) => python,
         Err(reason) => return skip(&reason),
     };

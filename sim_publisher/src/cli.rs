@@ -67,6 +67,10 @@ column that bears a key's own name needs no naming, body_velocity_x|y|z neither:
 Examples:
   sim_publisher replay --format acsl flight.log --airborne-only
   sim_publisher replay flight.ulg --mass-kg 1.5 --airborne-only
+  # A recording of monitor record; one of somebody else (JSON or Protocol Buffers)
+  sim_publisher replay flight.mcap
+  sim_publisher replay --format mcap bag.mcap --column velocity_x=/dvl:v.0 \\
+      --column velocity_y=/dvl:v.1 --column velocity_z=/dvl:v.2
   # Four times as fast, with clock = \"samples\" in the service's configuration
   sim_publisher replay --format csv flight.csv --map map.toml --speed 4
   sim_publisher replay --format csv flight.csv --column time_s=t \\
@@ -419,7 +423,7 @@ fn replay(args: &ReplayArgs) -> Result<(), Failure> {
                     format!("--airborne-only: '{file}' has no thrust above 5 N; leave the option out")
                 }
                 Format::Ulog => format!("--airborne-only: '{file}' tells of no flight; leave the option out"),
-                Format::Csv | Format::Record => {
+                Format::Csv | Format::Mcap | Format::Record => {
                     "--airborne-only: this format does not tell; leave the option out".into()
                 }
             })

@@ -1,6 +1,8 @@
 //! What a log holds, and which options and numbers of a configuration follow from it.
 
-use crate::replay::{CsvMap, Format, ImportError, ImportOptions, column_names, read_flight, ulog_contents};
+use crate::replay::{
+    CsvMap, Format, ImportError, ImportOptions, column_names, mcap_topics, read_flight, ulog_contents,
+};
 use serde::Serialize;
 use shared_types::Measurement;
 use shared_types::payload::{frame, valid};
@@ -69,6 +71,7 @@ pub fn inspect(format: Format, path: &Path, options: &ImportOptions) -> Result<F
             let map = CsvMap::read(options.map.as_deref(), &options.column)?;
             contents = column_names(&read()?, &map)?;
         }
+        Format::Mcap => contents = mcap_topics(&read()?, &file)?,
         Format::Acsl | Format::Record => {}
     }
     let flight = match read_flight(format, path, options) {
@@ -173,6 +176,9 @@ fn import_arguments(options: &ImportOptions, lacks_thrust: bool) -> String {
     let mut arguments = String::new();
     for pair in &options.column {
         arguments += &format!(" --column {}", shell_word(pair));
+    }
+    if let Some(topic) = &options.topic {
+        arguments += &format!(" --topic {}", shell_word(topic));
     }
     if let Some(map) = &options.map {
         arguments += &format!(" --map {}", shell_word(&map.display().to_string()));

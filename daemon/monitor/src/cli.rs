@@ -4,19 +4,22 @@
 
 use crate::link::{Link, News, Whence};
 use crate::model::{Model, Presence};
+use crate::record::{self, Compression, record};
 use crate::screen::{self, now};
 use crate::sections::text;
+use crate::serve::serve;
 use crate::theme::Theme;
 use anyhow::Context;
-use clap::Parser;
+use clap::{Args, Parser, Subcommand};
 use serde::Serialize;
 use shared_types::payload::status_bits;
 use shared_types::service::{ServiceError, check_instance_name};
 use shared_types::{Client, ClientError, Domain, DomainError, Estimate, Status};
-use shared_types::{clock::monotonic_ns, logln};
+use shared_types::{clock::monotonic_ns, logln, outln};
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 use std::ffi::OsString;
 use std::io::{ErrorKind, IsTerminal, Write, stdout};
+use std::net::SocketAddr;
 use std::path::PathBuf;
 use std::process::ExitCode;
 use std::sync::Arc;
@@ -30,6 +33,7 @@ use std::time::Duration;
 #[derive(Debug, Parser)]
 #[command(
     name = "monitor",
+    args_conflicts_with_subcommands = true,
     after_help = "\
 Colours: none if NO_COLOR is set.
 
@@ -41,15 +45,16 @@ Examples:
   # A vehicle on another machine, beside the tunnel
   monitor --remote --root /dev/shm/ground
   # A hundred estimates for a script
-  monitor --json --count 100 > estimates.jsonl"
+  monitor --json --count 100 > estimates.jsonl
+  # A file, and a live stream, for Foxglove and PlotJuggler
+  monitor record flight.mcap
+  monitor serve"
 )]
 struct Arguments {
-    /// Name of the vehicle
-    #[arg(long, value_name = "NAME", default_value = "vehicle")]
-    instance: String,
-    /// Root path of the shared-memory domain [default: /dev/shm/observer-UID]
-    #[arg(long, value_name = "PATH", env = shared_types::domain::ROOT_VARIABLE)]
-    root: Option<PathBuf>,
+    #[command(subcommand)]
+    command: Option<Command>,
+    #[command(flatten)]
+    target: Target,
     /// The service runs on another machine, and a link brings what it says (docs/across-machines.md): ages count from
     /// the shortest way here, and no command crosses it
     #[arg(long)]
@@ -67,6 +72,96 @@ struct Arguments {
     /// End after this many estimates
     #[arg(long, value_name = "N", requires = "json", conflicts_with = "once")]
     count: Option<u64>,
+}
+
+/// Whom to listen to.
+#[derive(Debug, Args)]
+pub struct Target {
+    /// Name of the vehicle
+    #[arg(long, value_name = "NAME", default_value = "vehicle")]
+    pub instance: String,
+    /// Root path of the shared-memory domain [default: /dev/shm/observer-UID]
+    #[arg(long, value_name = "PATH", env = shared_types::domain::ROOT_VARIABLE)]
+    pub root: Option<PathBuf>,
+}
+
+impl Target {
+    /// The shared memory's domain; the vehicle's name is checked, too.
+    ///
+    /// # Errors
+    /// A path or a name that cannot be.
+    pub fn domain(&self) -> anyhow::Result<Domain> {
+        check_instance_name(&self.instance)?;
+        Ok(match &self.root {
+            Some(root) => Domain::at(root)?,
+            None => Domain::of_user()?,
+        })
+    }
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    /// Writes measurements, estimates, truth and status to an MCAP file
+    ///
+    /// Foxglove and PlotJuggler open it; sim_publisher replay and bench replay play its measurements. Ends on Ctrl-C; what
+    /// is written is whole up to the last half second, even if the recorder is killed.
+    #[command(after_help = "\
+Examples:
+  monitor record flight.mcap
+  # Ten seconds of another vehicle, and what was recorded as a document
+  monitor record dive.mcap --instance auv1 --duration-s 10 --json")]
+    Record(RecordArguments),
+    /// Serves the same live to Foxglove, over its WebSocket protocol
+    ///
+    /// In Foxglove: Open connection, and the address that is printed. Whoever reaches the address reads everything and can
+    /// change nothing; there is no password and no encryption. By default that is this machine, its other users and the pages
+    /// in its browsers included.
+    #[command(after_help = "\
+Examples:
+  monitor serve
+  # To other machines
+  monitor serve --listen 0.0.0.0:8765")]
+    Serve(ServeArguments),
+}
+
+#[derive(Debug, Args)]
+struct RecordArguments {
+    /// The file to write
+    #[arg(value_name = "FILE.mcap")]
+    file: PathBuf,
+    /// Replace the file if it is there
+    #[arg(long)]
+    force: bool,
+    /// End this long after the first message, in s [default: on Ctrl-C]
+    #[arg(long, visible_alias = "duration", value_name = "S", value_parser = parse_duration)]
+    duration_s: Option<f64>,
+    /// Compression of the file
+    #[arg(long, value_enum, default_value_t = Compression::Lz4)]
+    compression: Compression,
+    /// Print what was recorded as one JSON document
+    #[arg(long)]
+    json: bool,
+    #[command(flatten)]
+    target: Target,
+}
+
+#[derive(Debug, Args)]
+struct ServeArguments {
+    /// Where to listen; port 0 takes a free one
+    #[arg(long, value_name = "IP:PORT", default_value = "127.0.0.1:8765")]
+    listen: SocketAddr,
+    /// End after this long, in s [default: on Ctrl-C]
+    #[arg(long, visible_alias = "duration", value_name = "S", value_parser = parse_duration)]
+    duration_s: Option<f64>,
+    #[command(flatten)]
+    target: Target,
+}
+
+fn parse_duration(text: &str) -> Result<f64, String> {
+    match text.parse() {
+        Ok(duration_s) if (0.0..=1e9).contains(&duration_s) && duration_s > 0.0 => Ok(duration_s),
+        _ => Err("needed: a number of seconds above 0".into()),
+    }
 }
 
 fn parse_fps(text: &str) -> Result<f64, String> {
@@ -112,11 +207,6 @@ fn is_broken_pipe(error: &anyhow::Error) -> bool {
 struct NoTerminal(&'static str);
 
 fn run(arguments: &Arguments) -> anyhow::Result<()> {
-    let domain = match &arguments.root {
-        Some(root) => Domain::at(root)?,
-        None => Domain::of_user()?,
-    };
-    check_instance_name(&arguments.instance)?;
     let stop = Arc::new(AtomicBool::new(false));
     // `--once` waits for seconds at most, and ends as any program does.
     for signal in [SIGINT, SIGTERM, SIGHUP].into_iter().filter(|_| !arguments.once) {
@@ -125,15 +215,33 @@ fn run(arguments: &Arguments) -> anyhow::Result<()> {
             .and_then(|_| signal_hook::flag::register(signal, Arc::clone(&stop)))
             .context("register signal handler")?;
     }
+    match &arguments.command {
+        Some(Command::Record(RecordArguments { file, force, duration_s, compression, json, target })) => {
+            let options =
+                record::Options { file, force: *force, compression: *compression, duration_s: *duration_s };
+            let summary = record(target, &options, &stop)?;
+            match json {
+                true => outln!("{}", serde_json::to_string_pretty(&summary)?),
+                false => outln!("{summary}"),
+            }
+            return Ok(());
+        }
+        Some(Command::Serve(ServeArguments { listen, duration_s, target })) => {
+            return serve(target, *listen, *duration_s, &stop);
+        }
+        None => {}
+    }
     let whence = if arguments.remote { Whence::AnotherMachine } else { Whence::ThisMachine };
+    let domain = arguments.target.domain()?;
+    let instance = &arguments.target.instance;
     match arguments {
-        Arguments { once: true, json, instance, .. } => once(&domain, instance, whence, *json),
-        Arguments { json: true, count, instance, .. } => lines(&domain, instance, whence, *count, &stop),
+        Arguments { once: true, json, .. } => once(&domain, instance, whence, *json),
+        Arguments { json: true, count, .. } => lines(&domain, instance, whence, *count, &stop),
         _ if !stdout().is_terminal() => Err(NoTerminal("the output is no terminal").into()),
         _ if std::env::var_os("TERM").is_some_and(|term| term == "dumb") => {
             Err(NoTerminal("TERM is 'dumb'").into())
         }
-        Arguments { instance, fps, .. } => {
+        Arguments { fps, .. } => {
             let no_colour = std::env::var_os("NO_COLOR").is_some_and(|value| !value.is_empty());
             screen::run(&domain, instance, whence, *fps, Theme { is_coloured: !no_colour }, &stop)
         }
@@ -242,7 +350,7 @@ fn lines(
                 }
                 presence = Presence::Away { since_ns, why };
             }
-            News::Status(_) | News::Truth(_) | News::Clock(_) | News::Rebooted => {}
+            News::Measurement(_) | News::Status(_) | News::Truth(_) | News::Clock(_) | News::Rebooted => {}
         });
         looked?;
         if !estimates.is_empty() {

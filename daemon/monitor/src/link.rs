@@ -11,7 +11,7 @@
 
 use shared_types::client::Stream;
 use shared_types::clock::SenderClock;
-use shared_types::{Client, ClientError, Domain, Estimate, Status, Truth};
+use shared_types::{Client, ClientError, Domain, Estimate, Measurement, Status, Truth};
 use std::time::Duration;
 
 /// Without an estimate for this long, or for [`SILENT_PERIODS`] of its own, the service is away (ns).
@@ -35,6 +35,8 @@ pub enum Whence {
 #[derive(Debug, Clone, PartialEq)]
 #[allow(clippy::large_enum_variant)] // taken by value at once, never kept in numbers
 pub enum News {
+    /// A sample, of a link with measurements.
+    Measurement(Measurement),
     /// An estimate, in the order of publication.
     Estimate(Estimate),
     /// What the service did since it started.
@@ -56,6 +58,7 @@ pub enum News {
 
 /// The ports, while they are open.
 struct Ports {
+    measurements: Option<Stream<Measurement>>,
     estimates: Stream<Estimate>,
     statuses: Stream<Status>,
     truths: Stream<Truth>,
@@ -81,6 +84,7 @@ pub struct Link {
     next_try_ns: u64,
     next_inquiry_ns: u64,
     silence_ns: u64,
+    has_measurements: bool,
 }
 
 impl Link {
@@ -97,7 +101,14 @@ impl Link {
             next_try_ns: now_ns,
             next_inquiry_ns: now_ns,
             silence_ns: SILENCE_NS,
+            has_measurements: false,
         }
+    }
+
+    /// The same, which takes the vehicle's measurements, too.
+    pub fn with_measurements(mut self) -> Self {
+        self.has_measurements = true;
+        self
     }
 
     /// Takes what has come by now, and says at most twice a second that, and why, nothing comes.
@@ -115,6 +126,11 @@ impl Link {
 
     fn take(&mut self, now_ns: u64, mut news: impl FnMut(News)) -> Result<(), ClientError> {
         if let Some(ports) = &mut self.ports {
+            if let Some(measurements) = &mut ports.measurements {
+                while let Some(measurement) = measurements.take()? {
+                    news(News::Measurement(measurement));
+                }
+            }
             while let Some(status) = ports.statuses.take()? {
                 self.silence_ns = SILENCE_NS.max(SILENT_PERIODS * period_ns(&status));
                 news(News::Status(status));
@@ -182,6 +198,7 @@ impl Link {
     fn open(&self, opened_ns: u64) -> Result<Ports, ClientError> {
         let client = Client::connect(&self.domain, &self.instance, Duration::ZERO)?;
         Ok(Ports {
+            measurements: self.has_measurements.then(|| client.measurement_subscriber()).transpose()?,
             statuses: client.status_subscriber()?,
             truths: client.truth_subscriber()?,
             estimates: client.estimate_subscriber()?,

@@ -212,6 +212,7 @@ impl Model {
             News::Truth(truth) => self.comparison.note_truth(&truth),
             News::Clock(clock) => self.clock = clock,
             News::Rebooted => *self = Self::new(&std::mem::take(&mut self.instance)),
+            News::Measurement(_) => {}
             News::Away { since_ns, why } => self.presence = Presence::Away { since_ns, why },
         }
     }

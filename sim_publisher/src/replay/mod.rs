@@ -4,10 +4,12 @@
 //! reason; a file of which nothing can be used is an error.
 
 mod acsl;
+mod mcap;
 mod record;
 mod table;
 mod ulog;
 
+pub use mcap::mcap_topics;
 pub use table::{CsvMap, MapError, TimeUnit, VelocityAxes, column_names, write_table};
 pub use ulog::{UlogContents, UlogScales, ulog_contents};
 
@@ -24,6 +26,8 @@ pub enum Format {
     Acsl,
     /// Any table with a line of column names; which column is what, --column or --map says
     Csv,
+    /// Recording of monitor record, of several vehicles --topic says which; of other recordings --column says what is where
+    Mcap,
     /// PX4's ULog, topics joined by time stamp; the force of a full set-point, --thrust-n or --mass-kg says
     Ulog,
     /// Flight record of `daemon run --record`
@@ -33,12 +37,15 @@ pub enum Format {
 /// What a file does not say of itself.
 #[derive(Debug, Clone, PartialEq, Default, clap::Args)]
 pub struct ImportOptions {
-    /// Which column holds what (csv), KEY=COLUMN; may be repeated, and wins over --map
+    /// Which column holds what (csv; mcap: KEY=/topic:path.to.field), KEY=COLUMN; may be repeated, and wins over --map
     #[arg(long, value_name = "KEY=COLUMN")]
     pub column: Vec<String>,
-    /// TOML file of such pairs (csv)
+    /// TOML file of such pairs (csv, mcap)
     #[arg(long, value_name = "FILE")]
     pub map: Option<PathBuf>,
+    /// Which measurements (mcap), for example /vehicle/measurement [default: the only ones]
+    #[arg(long, value_name = "TOPIC")]
+    pub topic: Option<String>,
     /// Force of a thrust set-point of 1 (ulog) [default: from --mass-kg and the log's hover thrust]
     #[arg(long, value_name = "N")]
     pub thrust_n: Option<f64>,
@@ -59,10 +66,13 @@ impl ImportOptions {
         let numbers = self.thrust_n.iter().chain(&self.mass_kg).chain(self.torque_n_m.iter().flatten());
         let wrong = |what: &str| Err(ImportError::Option(what.into()));
         match format {
-            Format::Acsl | Format::Ulog | Format::Record if of_tables => {
-                wrong("--column and --map are for --format csv; other logs name their own columns")
+            Format::Acsl | Format::Csv | Format::Ulog | Format::Record if self.topic.is_some() => {
+                wrong("--topic is for --format mcap")
             }
-            Format::Acsl | Format::Csv | Format::Record if of_ulog => wrong(
+            Format::Acsl | Format::Ulog | Format::Record if of_tables => {
+                wrong("--column and --map are for --format csv and mcap; other logs name their own columns")
+            }
+            Format::Acsl | Format::Csv | Format::Mcap | Format::Record if of_ulog => wrong(
                 "--thrust-n, --mass-kg and --torque-n-m are for --format ulog; other logs say their forces",
             ),
             _ => match numbers.into_iter().find(|number| !(number.is_finite() && **number > 0.0)) {
@@ -81,6 +91,7 @@ impl Format {
         match path.extension()?.to_str()?.to_ascii_lowercase().as_str() {
             "log" => Some(Self::Acsl),
             "csv" => Some(Self::Csv),
+            "mcap" => Some(Self::Mcap),
             "ulg" => Some(Self::Ulog),
             "rec" => Some(Self::Record),
             _ => None,
@@ -143,6 +154,14 @@ pub enum ImportError {
         /// The file's topics.
         found: String,
     },
+    /// No recording with measurements.
+    #[error("'{path}': {found}")]
+    Mcap {
+        /// Which file.
+        path: String,
+        /// What was found, and needed.
+        found: String,
+    },
     /// An option does not belong to this format.
     #[error("{0}")]
     Option(String),
@@ -174,6 +193,8 @@ pub enum SkipReason {
     NothingMeasured,
     /// A force along the body's axes, before the first attitude.
     NoAttitudeYet,
+    /// The file has no end, or is damaged: nothing is read from here on.
+    EndsEarly,
 }
 
 impl SkipReason {
@@ -186,6 +207,7 @@ impl SkipReason {
             Self::NoUnitQuaternion => "attitude not of unit norm",
             Self::NothingMeasured => "no value at all",
             Self::NoAttitudeYet => "thrust before the first attitude",
+            Self::EndsEarly => "cut off or damaged, and not read from there on",
         }
     }
 }
@@ -248,7 +270,7 @@ impl fmt::Display for Skipped {
 /// A recorded flight, ready to be published.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RecordedFlight {
-    /// The samples; sequences count from 0, stamps from the first sample.
+    /// The samples; sequences count from 0, with the gaps that a recording (mcap) has; stamps from the first sample.
     pub samples: Vec<Measurement>,
     /// Rows that could not be used.
     pub skipped: Skipped,
@@ -304,6 +326,9 @@ pub fn read_flight(
     let map = CsvMap::read(options.map.as_deref(), &options.column)?;
     let ImportOptions { thrust_n, mass_kg, torque_n_m, .. } = *options;
     let bytes = std::fs::read(path).map_err(|source| ImportError::Io { path: name.clone(), source })?;
+    if format == Format::Mcap {
+        return mcap::parse(&bytes, &name, &map, options.topic.as_deref());
+    }
     parse_flight(format, &bytes, &name, &map, &UlogScales { thrust_n, torque_n_m, mass_kg })
 }
 
@@ -336,6 +361,7 @@ pub fn parse_flight(
         Format::Ulog => ulog::parse(bytes, name, scales),
         Format::Acsl => acsl::parse(bytes, name),
         Format::Csv => table::parse(bytes, name, map),
+        Format::Mcap => mcap::parse(bytes, name, map, None),
     }
 }
 

@@ -1,0 +1,292 @@
+//! `monitor record`: an MCAP file of everything that passes.
+//!
+//! One thread takes from shared memory, another writes: a disk that hesitates for seconds holds nothing up. A chunk is
+//! written at least twice a second and in one piece, so that a recording which ends in the middle, with the power or with
+//! `kill -9`, is whole up to there; readers with recovery (`mcap recover`, `sim_publisher replay`) read it.
+
+use crate::link::{Link, News, Whence};
+use crate::topics::{Tally, Topics, WallClock};
+use crate::{VERSION, cli::Target};
+use anyhow::Context as _;
+use foxglove::{Context, McapCompression, McapWriteOptions};
+use serde::Serialize;
+use shared_types::{clock::monotonic_ns, logln};
+use std::collections::BTreeMap;
+use std::fs::File;
+use std::io::{self, Seek, SeekFrom, Write};
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, TrySendError, sync_channel};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
+
+/// What waits for a slow disk: 5 s of a service and a simulator at 1 kHz, 10 MB.
+const QUEUE: usize = 16_384;
+/// From one chunk's end to the next (ns), and what a sudden end costs at most.
+const CHUNK_NS: u64 = 500_000_000;
+/// Between two looks: the smallest queue in shared memory lasts for 64 ms at 1 kHz.
+const LOOK_EVERY: Duration = Duration::from_millis(2);
+
+/// How chunks are compressed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+pub enum Compression {
+    /// Fast, and about a third of the size
+    Lz4,
+    /// As it is
+    None,
+}
+
+/// What to write, and for how long.
+#[derive(Debug)]
+pub struct Options<'a> {
+    /// Where to.
+    pub file: &'a Path,
+    /// Whether a file that is there may be replaced.
+    pub force: bool,
+    /// Of chunks.
+    pub compression: Compression,
+    /// From the first message on (s); `None` until the stop.
+    pub duration_s: Option<f64>,
+}
+
+/// What was written.
+#[derive(Debug, Serialize)]
+pub struct Summary {
+    /// The file.
+    pub file: PathBuf,
+    /// Its size (bytes).
+    pub bytes: u64,
+    /// From the first message to the end (s).
+    pub duration_s: f64,
+    /// By topic; topics that say the same in Foxglove's own schemas are not counted.
+    pub topics: BTreeMap<String, Tally>,
+    /// Messages that the disk was too slow for.
+    pub not_written: u64,
+}
+
+impl std::fmt::Display for Summary {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "'{}': {:.1} s, {} bytes", self.file.display(), self.duration_s, self.bytes)?;
+        for (topic, Tally { messages, missing, restarts, .. }) in &self.topics {
+            write!(f, "\n  {topic}: {messages} messages, {missing} missing")?;
+            if *restarts > 0 {
+                write!(f, ", {restarts} restarts")?;
+            }
+        }
+        if self.not_written > 0 {
+            write!(f, "\n  {} messages not written: the disk was too slow", self.not_written)?;
+        }
+        Ok(())
+    }
+}
+
+/// A file that remembers why it could not be written: the channels do not say.
+struct Recording {
+    file: File,
+    bytes: u64,
+    failure: Arc<Mutex<Option<io::Error>>>,
+}
+
+impl Recording {
+    fn noting<T>(&mut self, done: io::Result<T>) -> io::Result<T> {
+        done.map_err(|error| {
+            let told = io::Error::from(error.kind());
+            self.failure.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert(error);
+            told
+        })
+    }
+}
+
+impl Write for Recording {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        let written = self.file.write(bytes);
+        self.bytes += *written.as_ref().unwrap_or(&0) as u64;
+        self.noting(written)
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        let flushed = self.file.flush();
+        self.noting(flushed)
+    }
+}
+
+impl Seek for Recording {
+    fn seek(&mut self, to: SeekFrom) -> io::Result<u64> {
+        let sought = self.file.seek(to);
+        self.noting(sought)
+    }
+}
+
+/// Records until `stop`, or the end of the duration.
+///
+/// # Errors
+/// A file that is there already, or cannot be written; a service that will never fit.
+pub fn record(target: &Target, options: &Options<'_>, stop: &AtomicBool) -> anyhow::Result<Summary> {
+    let domain = target.domain()?;
+    let name = options.file.display().to_string();
+    let mut opening = File::options();
+    opening.write(true).create(true).create_new(!options.force).truncate(options.force);
+    let file = opening.open(options.file).with_context(|| match options.file.exists() && !options.force {
+        true => format!("'{name}' is there already; needed: another name, or --force to replace it"),
+        false => format!("cannot write '{name}'"),
+    })?;
+    let (sender, receiver) = sync_channel(QUEUE);
+    let has_failed = Arc::new(AtomicBool::new(false));
+    let writer = {
+        let (has_failed, instance) = (Arc::clone(&has_failed), target.instance.clone());
+        let compression = options.compression;
+        std::thread::Builder::new().name("writer".into()).spawn(move || {
+            let written = write_all(file, compression, &instance, &receiver);
+            has_failed.store(written.is_err(), Ordering::Relaxed);
+            written
+        })?
+    };
+    logln!("monitor: recording instance '{}' to '{name}'; Ctrl-C ends it", target.instance);
+    let mut link =
+        Link::new(domain, &target.instance, Whence::ThisMachine, monotonic_ns()).with_measurements();
+    let mut queue = Queue { sender, not_written: 0, first_ns: None, is_away: false };
+    let mut looked = Ok(());
+    while !stop.load(Ordering::Relaxed) && !has_failed.load(Ordering::Relaxed) && looked.is_ok() {
+        let now_ns = monotonic_ns();
+        let recorded_s = queue.first_ns.map_or(0.0, |first_ns| now_ns.saturating_sub(first_ns) as f64 * 1e-9);
+        if options.duration_s.is_some_and(|duration_s| recorded_s >= duration_s) {
+            break;
+        }
+        looked = link.look(now_ns, |news| queue.take(news, monotonic_ns()));
+        std::thread::sleep(LOOK_EVERY);
+    }
+    let duration_s = queue.first_ns.map_or(0.0, |first_ns| (monotonic_ns() - first_ns) as f64 * 1e-9);
+    let not_written = queue.finish();
+    drop(link);
+    let written =
+        writer.join().map_err(|_| anyhow::anyhow!("the writer of '{name}' has ended unexpectedly"))?;
+    let (bytes, topics) = written.with_context(|| {
+        format!(
+            "cannot write '{name}'; what is in it until now can be read (mcap recover, sim_publisher replay)"
+        )
+    })?;
+    looked?;
+    Ok(Summary { file: options.file.into(), bytes, duration_s, topics, not_written })
+}
+
+/// What was taken, and how many the writer was too slow for.
+#[allow(clippy::large_enum_variant)] // the queue's places are of one size anyway
+enum Taken {
+    News(News, u64),
+    End { not_written: u64 },
+}
+
+/// The reader's side of the queue.
+struct Queue {
+    sender: SyncSender<Taken>,
+    not_written: u64,
+    first_ns: Option<u64>,
+    is_away: bool,
+}
+
+impl Queue {
+    fn take(&mut self, news: News, now_ns: u64) {
+        match &news {
+            News::Away { .. } if self.is_away => return,
+            News::Away { why, .. } => {
+                logln!("monitor: no estimate comes, waiting: {why}");
+                self.is_away = true;
+            }
+            News::Estimate(_) => {
+                if std::mem::take(&mut self.is_away) {
+                    logln!("monitor: estimates come");
+                }
+                self.first_ns.get_or_insert(now_ns);
+            }
+            _ => {
+                self.first_ns.get_or_insert(now_ns);
+            }
+        }
+        if let Err(TrySendError::Full(_)) = self.sender.try_send(Taken::News(news, now_ns)) {
+            self.not_written += 1;
+        }
+    }
+
+    /// Lets the writer finish.
+    fn finish(self) -> u64 {
+        // A writer that has failed takes nothing any more, and says so itself.
+        let _ = self.sender.send(Taken::End { not_written: self.not_written });
+        self.not_written
+    }
+}
+
+/// Writes what comes, until its end; returns the file's size and what passed.
+fn write_all(
+    file: File,
+    compression: Compression,
+    instance: &str,
+    receiver: &Receiver<Taken>,
+) -> anyhow::Result<(u64, BTreeMap<String, Tally>)> {
+    let failure = Arc::new(Mutex::new(None));
+    let context = Context::new();
+    let options = McapWriteOptions::new()
+        .compression(match compression {
+            Compression::Lz4 => Some(McapCompression::Lz4),
+            Compression::None => None,
+        })
+        // Whole chunks alone reach the file.
+        .disable_seeking(true);
+    let recording = Recording { file, bytes: 0, failure: Arc::clone(&failure) };
+    let reason = |error: foxglove::FoxgloveError| match failure
+        .lock()
+        .unwrap_or_else(PoisonError::into_inner)
+        .take()
+    {
+        Some(cause) => anyhow::Error::from(cause),
+        None => anyhow::Error::from(error),
+    };
+    let clock = WallClock::now();
+    let writer = context.mcap_writer_with_options(options).create(recording).map_err(reason)?;
+    let text = |key: &str, value: String| (key.to_owned(), value);
+    let start = BTreeMap::from([
+        text("instance", instance.into()),
+        text("version", VERSION.into()),
+        text("wall_clock_at_monotonic_zero_ns", clock.at_monotonic_zero_ns.to_string()),
+        text(
+            "log_time",
+            "stamp (CLOCK_MONOTONIC) + wall_clock_at_monotonic_zero_ns, measured once at the start; \
+             not after the receipt, and rising on each topic"
+                .into(),
+        ),
+    ]);
+    writer.write_metadata("recording", start).and_then(|()| writer.flush()).map_err(reason)?;
+    let mut topics = Topics::new(&context, instance, clock);
+    let mut chunk_began_ns = monotonic_ns();
+    let not_written = loop {
+        match receiver.recv_timeout(Duration::from_nanos(CHUNK_NS / 4)) {
+            Ok(Taken::News(news, receipt_ns)) => topics.note(&news, receipt_ns),
+            Ok(Taken::End { not_written }) => break not_written,
+            Err(RecvTimeoutError::Timeout) => {}
+            // The reader has ended without a word.
+            Err(RecvTimeoutError::Disconnected) => break 0,
+        }
+        let now_ns = monotonic_ns();
+        if now_ns - chunk_began_ns >= CHUNK_NS {
+            chunk_began_ns = now_ns;
+            writer.flush().map_err(reason)?;
+            // A message that could not be written is an error of its channel, which tells nobody.
+            if let Some(cause) = failure.lock().unwrap_or_else(PoisonError::into_inner).take() {
+                return Err(cause.into());
+            }
+        }
+    };
+    let tallies = topics.tallies();
+    let mut end = BTreeMap::from([text("not_written", not_written.to_string())]);
+    for (topic, tally) in &tallies {
+        end.insert(format!("{topic} messages"), tally.messages.to_string());
+        end.insert(format!("{topic} missing"), tally.missing.to_string());
+        end.insert(format!("{topic} restarts"), tally.restarts.to_string());
+    }
+    writer.write_metadata("recording_end", end).map_err(reason)?;
+    let recording = writer.close().map_err(reason)?;
+    recording.file.sync_all()?;
+    match recording.failure.lock().unwrap_or_else(PoisonError::into_inner).take() {
+        Some(cause) => Err(cause.into()),
+        None => Ok((recording.bytes, tallies)),
+    }
+}

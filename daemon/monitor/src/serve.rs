@@ -1,0 +1,78 @@
+//! `monitor serve`: the same topics live, over Foxglove's WebSocket protocol.
+//!
+//! Whoever reaches the port reads everything and can change nothing; there is no password and no encryption. A viewer that
+//! is too slow misses the oldest messages, and holds nobody up.
+
+use crate::VERSION;
+use crate::cli::Target;
+use crate::link::{Link, News, Whence};
+use crate::topics::{Topics, WallClock};
+use anyhow::Context as _;
+use foxglove::Context;
+use shared_types::{clock::monotonic_ns, logln, outln};
+use std::net::SocketAddr;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
+
+/// Between two looks.
+const LOOK_EVERY: Duration = Duration::from_millis(2);
+
+/// Serves until `stop`, or the end of the duration.
+///
+/// # Errors
+/// An address that cannot be listened on; a service that will never fit.
+pub fn serve(
+    target: &Target,
+    listen: SocketAddr,
+    duration_s: Option<f64>,
+    stop: &AtomicBool,
+) -> anyhow::Result<()> {
+    let domain = target.domain()?;
+    let instance = &target.instance;
+    let context = Context::new();
+    let server = context
+        .websocket_server()
+        .name(format!("observer {instance} (monitor {VERSION})"))
+        .bind(listen.ip().to_string(), listen.port())
+        .start_blocking()
+        .with_context(|| format!("cannot listen on {listen}; needed: a free port, --listen IP:PORT"))?;
+    let address = SocketAddr::new(listen.ip(), server.port());
+    outln!("ws://{address}");
+    logln!("monitor: instance '{instance}' on ws://{address}; in Foxglove: Open connection; Ctrl-C ends it");
+    if !listen.ip().is_loopback() {
+        logln!("monitor: whoever reaches this address reads all of it: no password, no encryption");
+    }
+    let mut topics = Topics::new(&context, instance, WallClock::now());
+    let mut link = Link::new(domain, instance, Whence::ThisMachine, monotonic_ns()).with_measurements();
+    let start_ns = monotonic_ns();
+    let (mut viewers, mut is_away) = (0, false);
+    let mut looked = Ok(());
+    while !stop.load(Ordering::Relaxed) && looked.is_ok() {
+        let now_ns = monotonic_ns();
+        if duration_s.is_some_and(|duration_s| (now_ns - start_ns) as f64 * 1e-9 >= duration_s) {
+            break;
+        }
+        looked = link.look(now_ns, |news| {
+            match &news {
+                News::Away { why, .. } if !is_away => {
+                    logln!("monitor: no estimate comes, waiting: {why}");
+                    is_away = true;
+                }
+                News::Estimate(_) if is_away => {
+                    logln!("monitor: estimates come");
+                    is_away = false;
+                }
+                _ => {}
+            }
+            topics.note(&news, monotonic_ns());
+        });
+        if viewers != server.client_count() {
+            viewers = server.client_count();
+            logln!("monitor: {viewers} viewers");
+        }
+        std::thread::sleep(LOOK_EVERY);
+    }
+    server.stop().wait_blocking();
+    looked?;
+    Ok(())
+}

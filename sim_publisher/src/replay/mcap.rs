@@ -1,0 +1,509 @@
+//! MCAP files: the measurements of `monitor record`, to the bit; and channels of others, where the map of columns says
+//! `KEY=/topic:path.to.field`.
+//!
+//! Messages are read by the names in the file's own schema, so that a recording of another version is understood as far as
+//! the names are the same. A file without its end, of a recorder that was killed, is read up to there.
+
+use super::{Collector, CsvMap, ImportError, RecordedFlight, SkipReason, TimeUnit, table};
+use mcap::read::ChannelAccumulator;
+use mcap::records::{MessageHeader, Record};
+use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReader, LinearReaderOptions};
+use mcap::{Channel, McapError, Message, parse_record};
+use prost_reflect::{DescriptorPool, DynamicMessage, MessageDescriptor, ReflectMessage, Value};
+use shared_types::Measurement;
+use shared_types::payload::valid;
+use std::collections::{BTreeMap, BTreeSet};
+
+/// The schema that `monitor record` gives to measurements.
+const SCHEMA: &str = "measurement.Measurement";
+/// A record may be longer than the file that holds it, compressed; but not than this (bytes).
+const LONGEST_RECORD: usize = 1 << 26;
+
+/// The flight of the columns that the map names, else the measurements of `topic`, or of the only one.
+///
+/// # Errors
+/// `Mcap` where the file is none, or has no such topic or field; `Map`; `NoUsableRow`.
+pub(super) fn parse(
+    bytes: &[u8],
+    name: &str,
+    map: &CsvMap,
+    topic: Option<&str>,
+) -> Result<RecordedFlight, ImportError> {
+    if *map == CsvMap::default() { recording(bytes, name, topic) } else { channels(bytes, name, map) }
+}
+
+fn wrong(name: &str, found: String) -> ImportError {
+    ImportError::Mcap { path: name.into(), found }
+}
+
+/// Gives each message and its number to `take`; returns where and why the file ends early, if it does.
+fn each(
+    bytes: &[u8],
+    name: &str,
+    mut take: impl FnMut(u64, &Message<'_>),
+) -> Result<Option<(u64, String)>, ImportError> {
+    // Without a limit and a look at the check sums first, lengths of garbage overflow in the reader (mcap 0.26.0).
+    let options = LinearReaderOptions::default()
+        .with_record_length_limit(bytes.len().max(LONGEST_RECORD))
+        .with_prevalidate_chunk_crcs(true);
+    let mut reader = LinearReader::new_with_options(options);
+    let mut channels = ChannelAccumulator::default();
+    let (mut rest, mut line, mut is_summary) = (bytes, 0, false);
+    // What comes after an error cannot be found any more; a file that was cut is good until there.
+    let ends = |line: u64, error: &McapError| match (error, line) {
+        (McapError::BadMagic, 0) => Err(wrong(name, told(error))),
+        _ => Ok(Some((line + 1, told(error)))),
+    };
+    while let Some(event) = reader.next_event() {
+        let record = match event {
+            Ok(LinearReadEvent::ReadRequest(needed)) => {
+                let (next, after) = rest.split_at(needed.min(rest.len()));
+                reader.insert(next.len()).copy_from_slice(next);
+                reader.notify_read(next.len());
+                rest = after;
+                continue;
+            }
+            Ok(LinearReadEvent::Record { opcode, data }) => parse_record(opcode, data),
+            Err(error) => return ends(line, &error),
+        };
+        let noted = match record {
+            // The summary says everything once more.
+            Ok(_) if is_summary => Ok(()),
+            Ok(Record::Schema { header, data }) => channels.add_schema(header, data.into_owned().into()),
+            Ok(Record::Channel(channel)) => channels.add_channel(channel),
+            Ok(Record::Message { header, data }) => match channels.get(header.channel_id) {
+                Some(channel) => {
+                    line += 1;
+                    let MessageHeader { sequence, log_time, publish_time, .. } = header;
+                    take(line, &Message { channel, sequence, log_time, publish_time, data });
+                    Ok(())
+                }
+                None => Err(McapError::UnknownChannel(header.sequence, header.channel_id)),
+            },
+            Ok(Record::DataEnd(_)) => {
+                is_summary = true;
+                Ok(())
+            }
+            Ok(_) => Ok(()),
+            Err(error) => Err(error),
+        };
+        if let Err(error) = noted {
+            return ends(line, &error);
+        }
+    }
+    Ok(None)
+}
+
+/// The topics of a file, each with its schema and the number of its messages.
+///
+/// # Errors
+/// `Mcap` where it is none.
+pub fn mcap_topics(bytes: &[u8], name: &str) -> Result<Vec<String>, ImportError> {
+    let mut topics: BTreeMap<(String, String), usize> = BTreeMap::new();
+    each(bytes, name, |_, message| {
+        let schema = message.channel.schema.as_ref().map_or("", |schema| &schema.name);
+        *topics.entry((message.channel.topic.clone(), schema.to_owned())).or_default() += 1;
+    })?;
+    Ok(topics.into_iter().map(|((topic, schema), n)| format!("{topic} ({schema}, {n})")).collect())
+}
+
+/// The type of a channel's messages, where it is one of Protocol Buffers.
+fn descriptor(channel: &Channel<'_>) -> Option<MessageDescriptor> {
+    let schema = channel.schema.as_ref().filter(|_| channel.message_encoding == "protobuf")?;
+    DescriptorPool::decode(&*schema.data).ok()?.get_message_by_name(&schema.name)
+}
+
+fn recording(bytes: &[u8], name: &str, topic: Option<&str>) -> Result<RecordedFlight, ImportError> {
+    let mut others = BTreeSet::new();
+    let mut descriptors: BTreeMap<u16, Option<MessageDescriptor>> = BTreeMap::new();
+    let mut flights: BTreeMap<String, Flight> = BTreeMap::new();
+    let end = each(bytes, name, |line, message| {
+        let channel = &message.channel;
+        let is_measurement = channel.schema.as_ref().is_some_and(|schema| schema.name == SCHEMA);
+        if !is_measurement || topic.is_some_and(|topic| topic != channel.topic) {
+            others.insert(channel.topic.clone());
+            return;
+        }
+        let sample = descriptors
+            .entry(channel.id)
+            .or_insert_with(|| descriptor(channel))
+            .clone()
+            .and_then(|descriptor| DynamicMessage::decode(descriptor, &*message.data).ok())
+            .and_then(|message| measurement(&message));
+        flights.entry(channel.topic.clone()).or_default().add(line, sample);
+    })?;
+    let list = |topics: Vec<&str>| match topics.is_empty() {
+        true => "none".to_owned(),
+        false => topics.join(", "),
+    };
+    let ending = end.as_ref().map(|(_, end)| format!("; {end}")).unwrap_or_default();
+    if flights.len() > 1 {
+        let found = list(flights.keys().map(String::as_str).collect());
+        return Err(wrong(
+            name,
+            format!("it has measurements of several vehicles; needed: --topic, one of {found}"),
+        ));
+    }
+    match flights.into_values().next() {
+        Some(Flight { mut collector, .. }) => {
+            if let Some((line, _)) = end {
+                collector.skipped.add(SkipReason::EndsEarly, line);
+            }
+            collector.finish(name, None)
+        }
+        None => {
+            let found = list(others.iter().map(String::as_str).collect());
+            let needed = topic.unwrap_or("a recording of monitor record");
+            let found = format!(
+                "no measurements; needed: {needed}, or --column KEY=/topic:path.to.field; its topics: {found}{ending}"
+            );
+            Err(wrong(name, found))
+        }
+    }
+}
+
+/// One vehicle's samples.
+#[derive(Default)]
+struct Flight {
+    collector: Collector,
+    first_sequence: u64,
+}
+
+impl Flight {
+    fn add(&mut self, line: u64, sample: Option<Measurement>) {
+        let Some(sample) = sample else {
+            self.collector.skipped.add(SkipReason::NotANumber, line);
+            return;
+        };
+        let previous = self.collector.samples.last().map(|previous| previous.sequence);
+        if !self.collector.add(line, i128::from(sample.stamp_ns), sample) {
+            return;
+        }
+        if previous.is_none() {
+            self.first_sequence = sample.sequence;
+        }
+        if let Some(added) = self.collector.samples.last_mut() {
+            // Losses stay losses, where the source has not begun again.
+            let next = previous.map_or(0, |previous| previous.saturating_add(1));
+            added.sequence = sample.sequence.saturating_sub(self.first_sequence).max(next);
+            // Our own is no rounded one.
+            added.attitude_wxyz = sample.attitude_wxyz;
+        }
+    }
+}
+
+/// A sample from its message; `None` where a field is not what it was.
+fn measurement(message: &DynamicMessage) -> Option<Measurement> {
+    let axes = ["x", "y", "z"];
+    let mut sample = Measurement::at(unsigned(message, "stamp_ns")?, unsigned(message, "sequence")?);
+    sample.valid = u32::try_from(unsigned(message, "valid")?).ok()?;
+    sample.velocity_frame = u32::try_from(unsigned(message, "velocity_frame")?).ok()?;
+    for (bit, field, place) in [
+        (valid::VELOCITY, "velocity_m_s", &mut sample.velocity_m_s),
+        (valid::ANGULAR_VELOCITY, "angular_velocity_rad_s", &mut sample.angular_velocity_rad_s),
+        (valid::POSITION, "position_m", &mut sample.position_m),
+        (valid::FORCE, "force_n", &mut sample.force_n),
+        (valid::TORQUE, "torque_n_m", &mut sample.torque_n_m),
+    ] {
+        if sample.valid & bit != 0 {
+            *place = components(message, field, axes)?;
+        }
+    }
+    if sample.has(valid::ATTITUDE) {
+        sample.attitude_wxyz = components(message, "attitude", ["w", "x", "y", "z"])?;
+    }
+    for (bit, field, place) in
+        [(valid::OUTPUT, "output", &mut sample.output), (valid::INPUT, "input", &mut sample.input)]
+    {
+        if sample.valid & bit != 0 {
+            *place = numbers(message, field)?;
+        }
+    }
+    Some(sample)
+}
+
+/// Where a column is: a topic, and a path within its messages.
+#[derive(PartialEq, Eq)]
+struct Place<'a> {
+    column: &'a str,
+    topic: &'a str,
+    path: &'a str,
+}
+
+/// A flight from numbers of any channels: a table, with a row for each instant at which one was logged.
+fn channels(bytes: &[u8], name: &str, map: &CsvMap) -> Result<RecordedFlight, ImportError> {
+    let columns = [
+        &map.velocity_x,
+        &map.velocity_y,
+        &map.velocity_z,
+        &map.angular_velocity_x,
+        &map.angular_velocity_y,
+        &map.angular_velocity_z,
+        &map.position_x,
+        &map.position_y,
+        &map.position_z,
+        &map.attitude_w,
+        &map.attitude_x,
+        &map.attitude_y,
+        &map.attitude_z,
+        &map.force_x,
+        &map.force_y,
+        &map.force_z,
+        &map.torque_x,
+        &map.torque_y,
+        &map.torque_z,
+    ];
+    if map.time_s.is_some() || map.time.is_some() || map.separator.is_some() {
+        return Err(ImportError::Option(
+            "time and separator are for --format csv; an MCAP file has its own time".into(),
+        ));
+    }
+    let mut places: Vec<Place<'_>> = Vec::new();
+    for column in columns.into_iter().flatten() {
+        let (topic, path) = column.rsplit_once(':').ok_or_else(|| {
+            ImportError::Option(format!("--column KEY={column}: needed: KEY=/topic:path.to.field"))
+        })?;
+        let place = Place { column, topic, path };
+        if !places.contains(&place) {
+            places.push(place);
+        }
+    }
+    let mut found = vec![false; places.len()];
+    let mut topics: BTreeMap<String, String> = BTreeMap::new();
+    let mut descriptors: BTreeMap<u16, Option<MessageDescriptor>> = BTreeMap::new();
+    let mut rows: BTreeMap<u64, Vec<Option<f64>>> = BTreeMap::new();
+    let end = each(bytes, name, |_, message| {
+        let channel = &message.channel;
+        if !topics.contains_key(&channel.topic) {
+            topics.insert(channel.topic.clone(), channel.message_encoding.clone());
+        }
+        if places.iter().all(|place| place.topic != channel.topic) {
+            return;
+        }
+        let Some(fields) = (match channel.message_encoding.as_str() {
+            "json" => serde_json::from_slice(&message.data).ok().map(Fields::Json),
+            "protobuf" => descriptors
+                .entry(channel.id)
+                .or_insert_with(|| descriptor(channel))
+                .clone()
+                .and_then(|descriptor| DynamicMessage::decode(descriptor, &*message.data).ok())
+                .map(Fields::Protobuf),
+            _ => None,
+        }) else {
+            return;
+        };
+        let row = rows.entry(message.log_time).or_insert_with(|| vec![None; places.len()]);
+        for ((cell, found), place) in row.iter_mut().zip(&mut found).zip(&places) {
+            if place.topic == channel.topic {
+                *cell = fields.number(place.path).or(*cell);
+                *found |= cell.is_some();
+            }
+        }
+    })?;
+    if let Some((place, _)) = places.iter().zip(&found).find(|(_, found)| !**found) {
+        let Place { column, topic, path } = place;
+        return Err(wrong(
+            name,
+            match topics.get(*topic) {
+                None => {
+                    let topics = topics.keys().map(String::as_str).collect::<Vec<_>>().join(", ");
+                    format!("--column …={column}: no topic '{topic}'; its topics: {topics}")
+                }
+                Some(encoding) if encoding != "json" && encoding != "protobuf" => {
+                    format!("--column …={column}: its messages are '{encoding}'; needed: json or protobuf")
+                }
+                Some(_) => format!("--column …={column}: no message has a number at '{path}'"),
+            },
+        ));
+    }
+    let mut table = csv::Writer::from_writer(Vec::new());
+    let cannot = |error: &dyn std::fmt::Display| wrong(name, error.to_string());
+    let header = std::iter::once(TIME).chain(places.iter().map(|place| place.column));
+    table.write_record(header).map_err(|error| cannot(&error))?;
+    for (time_ns, row) in rows {
+        let numbers = row.into_iter().map(|cell| cell.map_or(String::new(), |number| format!("{number:?}")));
+        let cells = std::iter::once(time_ns.to_string()).chain(numbers);
+        table.write_record(cells).map_err(|error| cannot(&error))?;
+    }
+    let table = table.into_inner().map_err(|error| cannot(&error))?;
+    let map = CsvMap { time: Some(TIME.into()), time_unit: Some(TimeUnit::Ns), ..map.clone() };
+    let mut flight = table::parse(&table, name, &map)?;
+    if let Some((line, _)) = end {
+        flight.skipped.add(SkipReason::EndsEarly, line);
+    }
+    Ok(flight)
+}
+
+/// Column of the time when a message was logged.
+const TIME: &str = "log_time_ns";
+
+/// A message of either kind.
+enum Fields {
+    Json(serde_json::Value),
+    Protobuf(DynamicMessage),
+}
+
+impl Fields {
+    /// The number at a path: names of fields, and places in lists, with dots between them.
+    fn number(&self, path: &str) -> Option<f64> {
+        let mut steps = path.split('.');
+        match self {
+            Self::Json(value) => {
+                let value = steps.try_fold(value, |value, step| match value {
+                    serde_json::Value::Array(list) => list.get(step.parse::<usize>().ok()?),
+                    value => value.get(step),
+                })?;
+                value.as_f64()
+            }
+            Self::Protobuf(message) => {
+                let mut value = Value::Message(message.clone());
+                for step in steps {
+                    value = match &value {
+                        Value::Message(message) => {
+                            let field = message.descriptor().get_field_by_name(step)?;
+                            if field.supports_presence() && !message.has_field(&field) {
+                                return None;
+                            }
+                            message.get_field(&field).into_owned()
+                        }
+                        Value::List(list) => list.get(step.parse::<usize>().ok()?)?.clone(),
+                        _ => return None,
+                    };
+                }
+                match value {
+                    Value::F64(number) => Some(number),
+                    Value::F32(number) => Some(number.into()),
+                    Value::I32(number) => Some(number.into()),
+                    Value::U32(number) => Some(number.into()),
+                    _ => None,
+                }
+            }
+        }
+    }
+}
+
+fn unsigned(message: &DynamicMessage, field: &str) -> Option<u64> {
+    match *message.get_field_by_name(field)? {
+        Value::U64(number) => Some(number),
+        Value::U32(number) => Some(number.into()),
+        _ => None,
+    }
+}
+
+fn components<const N: usize>(message: &DynamicMessage, field: &str, names: [&str; N]) -> Option<[f64; N]> {
+    let descriptor = message.descriptor().get_field_by_name(field)?;
+    if !message.has_field(&descriptor) {
+        return None;
+    }
+    let value = message.get_field(&descriptor);
+    let vector = value.as_message()?;
+    let mut components = [0.0; N];
+    for (component, name) in components.iter_mut().zip(names) {
+        *component = vector.get_field_by_name(name)?.as_f64()?;
+    }
+    Some(components)
+}
+
+fn numbers<const N: usize>(message: &DynamicMessage, field: &str) -> Option<[f64; N]> {
+    let value = message.get_field_by_name(field)?;
+    let numbers: Option<Vec<f64>> = value.as_list()?.iter().map(Value::as_f64).collect();
+    numbers?.try_into().ok()
+}
+
+/// What the reader found, for people.
+fn told(error: &McapError) -> String {
+    match error {
+        McapError::BadMagic => "it does not begin as an MCAP file".into(),
+        McapError::UnexpectedEof => "it ends in the middle of a record".into(),
+        McapError::UnsupportedCompression(name) => {
+            format!("compressed by '{name}'; needed: lz4 or none (mcap compress --compression lz4)")
+        }
+        error => error.to_string(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use mcap::{Compression, WriteOptions};
+    use std::io::Cursor;
+
+    /// JSON messages: topic, time (ns), text.
+    fn file(messages: &[(&str, u64, &str)], compression: Option<Compression>) -> Vec<u8> {
+        let mut bytes = Vec::new();
+        let mut writer =
+            WriteOptions::new().compression(compression).create(Cursor::new(&mut bytes)).unwrap();
+        for (sequence, &(topic, log_time, text)) in (0..).zip(messages) {
+            let channel_id = writer.add_channel(0, topic, "json", &BTreeMap::new()).unwrap();
+            let header = MessageHeader { channel_id, sequence, log_time, publish_time: log_time };
+            writer.write_to_known_channel(&header, text.as_bytes()).unwrap();
+        }
+        writer.finish().unwrap();
+        drop(writer);
+        bytes
+    }
+
+    fn map(columns: &[&str]) -> CsvMap {
+        let columns: Vec<String> = columns.iter().map(ToString::to_string).collect();
+        CsvMap::read(None, &columns).unwrap()
+    }
+
+    const VELOCITY: [&str; 3] = ["velocity_x=/dvl:v.0", "velocity_y=/dvl:v.1", "velocity_z=/dvl:v.2"];
+
+    #[test]
+    fn channels_of_others_are_joined_by_time() {
+        let messages = [
+            ("/imu", 1_000_000_010, r#"{"rates": {"p": 0.1, "q": 0.2, "r": -0.0}}"#),
+            ("/dvl", 1_000_000_000, r#"{"v": [1, 2.5, 1e-300]}"#),
+            ("/dvl", 1_000_000_010, r#"{"v": [2, 2.5, 3]}"#),
+            ("/dvl", 1_000_000_020, r#"{"v": [2, null]}"#),
+            ("/dvl", 1_000_000_030, "no JSON"),
+        ];
+        let rates =
+            ["x=/imu:rates.p", "y=/imu:rates.q", "z=/imu:rates.r"].map(|c| format!("angular_velocity_{c}"));
+        let columns: Vec<&str> = VELOCITY.into_iter().chain(rates.iter().map(String::as_str)).collect();
+        for compression in [None, Some(Compression::Lz4)] {
+            let flight = parse(&file(&messages, compression), "file", &map(&columns), None).unwrap();
+            let expected = [
+                Measurement::at(0, 0).with_velocity_m_s([1.0, 2.5, 1e-300]),
+                Measurement::at(10, 1)
+                    .with_velocity_m_s([2.0, 2.5, 3.0])
+                    .with_angular_velocity_rad_s([0.1, 0.2, -0.0]),
+            ];
+            assert_eq!(flight.samples, expected);
+            assert!(flight.samples[1].angular_velocity_rad_s[2].is_sign_negative());
+            assert_eq!(flight.skipped.for_reason(SkipReason::NothingMeasured), 1);
+        }
+    }
+
+    #[test]
+    fn what_is_not_there_is_said() {
+        let bytes = file(&[("/dvl", 1, r#"{"v": [1, 2]}"#), ("/other", 2, "{}")], None);
+        let refused = |bytes: &[u8], columns: &[&str]| {
+            parse(bytes, "file", &map(columns), None).unwrap_err().to_string()
+        };
+        assert!(refused(&bytes, &VELOCITY).contains("no message has a number at 'v.2'"));
+        let error = refused(&bytes, &["velocity_x=/none:v"]);
+        assert!(error.contains("no topic '/none'; its topics: /dvl, /other"), "{error}");
+        assert!(refused(&bytes, &["velocity_x=v"]).contains("needed: KEY=/topic:path.to.field"));
+        let error = refused(&bytes, &[]);
+        assert!(error.contains("no measurements") && error.contains("/dvl, /other"), "{error}");
+        assert!(refused(b"0123456789 garbage", &[]).contains("does not begin as an MCAP file"));
+        assert!(refused(b"", &[]).contains("in the middle"));
+    }
+
+    #[test]
+    fn a_file_that_is_cut_is_read_up_to_there() {
+        let messages: Vec<(&str, u64, &str)> =
+            (0..100).map(|ms| ("/dvl", 1_000_000 * ms, r#"{"v": [1, 2, 3]}"#)).collect();
+        let bytes = file(&messages, None);
+        let mut n_before = 0;
+        for end in 0..bytes.len() {
+            if let Ok(flight) = parse(&bytes[..end], "file", &map(&VELOCITY), None) {
+                assert!(flight.samples.len() >= n_before);
+                n_before = flight.samples.len();
+            }
+        }
+        assert_eq!(n_before, 100);
+    }
+}
