@@ -286,8 +286,18 @@ impl Search<'_> {
         let buffer_ratio = translation.dead_zone_buffer_m_s / translation.dead_zone_width_m_s;
         translation.mass_kg = values.mass_kg;
         translation.gain_per_s = values.gain_per_s;
-        translation.adaptation_rate_kg_s2 = SymmetricMatrix::Scalar(values.adaptation_rate_kg_s2);
-        translation.length_scale_m_s = LengthScaleConfig::Isotropic(values.length_scale_m_s);
+        // Axes keep their proportions.
+        let factor = values.adaptation_rate_kg_s2 / self.base.adaptation_rate_kg_s2;
+        match &mut translation.adaptation_rate_kg_s2 {
+            SymmetricMatrix::Scalar(rate) => *rate *= factor,
+            SymmetricMatrix::Diagonal(rates) => rates.iter_mut().for_each(|rate| *rate *= factor),
+            SymmetricMatrix::Full(rows) => rows.iter_mut().flatten().for_each(|rate| *rate *= factor),
+        }
+        let factor = values.length_scale_m_s / self.base.length_scale_m_s;
+        match &mut translation.length_scale_m_s {
+            LengthScaleConfig::Isotropic(scale) => *scale *= factor,
+            LengthScaleConfig::PerAxis(scales) => scales.iter_mut().for_each(|scale| *scale *= factor),
+        }
         translation.dead_zone_width_m_s = values.dead_zone_width_m_s;
         translation.dead_zone_buffer_m_s = values.dead_zone_width_m_s * buffer_ratio;
         translation.centers_lower_m_s = Some(values.centers_lower_m_s);

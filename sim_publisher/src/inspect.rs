@@ -93,7 +93,7 @@ pub fn inspect(format: Format, path: &Path, options: &ImportOptions) -> Result<F
             flight.values_not_finite
         ));
     }
-    let import = import_arguments(options, has_unused_thrust);
+    let import = import_arguments(format, path, options, has_unused_thrust);
     let airborne = if flight.airborne.is_some() { " --airborne-only" } else { "" };
     let has = |bit: u32| flight.samples.iter().any(|sample| sample.has(bit));
     let mut commands = vec![format!("sim_publisher replay {shown}{import}{airborne}")];
@@ -145,7 +145,8 @@ fn unnamed_columns(file: String, error: &str, columns: Vec<String>, options: &Im
                 .map(|(key, column)| format!("{key}={column}")),
         );
     }
-    let arguments = import_arguments(&ImportOptions { column: pairs.clone(), ..options.clone() }, false);
+    let named = ImportOptions { column: pairs.clone(), ..options.clone() };
+    let arguments = import_arguments(Format::Csv, Path::new(&file), &named, false);
     let commands = match pairs.len() > options.column.len() {
         true => vec![format!("sim_publisher inspect {}{arguments}", shell_word(&file))],
         false => vec![
@@ -172,8 +173,11 @@ fn name_of(format: Format) -> String {
 }
 
 /// The options that were given, and for a ULog without them what is still needed.
-fn import_arguments(options: &ImportOptions, lacks_thrust: bool) -> String {
+fn import_arguments(format: Format, file: &Path, options: &ImportOptions, lacks_thrust: bool) -> String {
     let mut arguments = String::new();
+    if Format::of(file) != Some(format) {
+        arguments += &format!(" --format {}", name_of(format));
+    }
     for pair in &options.column {
         arguments += &format!(" --column {}", shell_word(pair));
     }
@@ -193,6 +197,11 @@ fn import_arguments(options: &ImportOptions, lacks_thrust: bool) -> String {
         arguments += " --mass-kg KG";
     }
     arguments
+}
+
+/// Names from a file may hold anything, also what a terminal obeys.
+fn harmless(text: &str) -> String {
+    text.replace(char::is_control, "·")
 }
 
 /// A word as a shell reads it.
@@ -253,7 +262,7 @@ fn configuration(quantities: &[Quantity]) -> Vec<String> {
         let quantity = quantities.iter().find(|quantity| quantity.name.starts_with(start))?;
         quantity.rate_hz
     };
-    let line = |section: &str, rate_hz: f64| format!("[{section}] sample_rate_hz = {:.1}", rate_hz);
+    let line = |section: &str, rate_hz: f64| format!("[{section}]\nsample_rate_hz = {rate_hz:.3}");
     let translation = rate_of("velocity").map(|rate_hz| line("translation", rate_hz));
     let rotation = rate_of("angular velocity").map(|rate_hz| line("rotation", rate_hz));
     translation.into_iter().chain(rotation).collect()
@@ -324,21 +333,20 @@ impl fmt::Display for Findings {
             writeln!(f)?;
         }
         for remark in &self.remarks {
-            writeln!(f, "\n! {remark}")?;
+            writeln!(f, "\n! {}", harmless(remark))?;
         }
         if !self.contents.is_empty() {
-            // Names from a file may hold anything, also what a terminal obeys.
-            writeln!(f, "\nIn it: {}", self.contents.join(", ").replace(char::is_control, "·"))?;
+            writeln!(f, "\nIn it: {}", harmless(&self.contents.join(", ")))?;
         }
         if !self.configuration.is_empty() {
             writeln!(f, "\nIn the configuration:")?;
         }
         for line in &self.configuration {
-            writeln!(f, "  {line}")?;
+            writeln!(f, "  {}", line.replace('\n', "\n  "))?;
         }
         writeln!(f, "\nNext:")?;
         for command in &self.commands {
-            writeln!(f, "  {command}")?;
+            writeln!(f, "  {}", harmless(command))?;
         }
         Ok(())
     }
@@ -379,12 +387,15 @@ mod tests {
         let velocity = &third.quantities[0];
         assert_eq!((velocity.lowest[0], velocity.highest[0]), (1.0, 2.0));
         assert!((velocity.longest_gap_s - 0.3).abs() < 1e-9 && velocity.samples == 3, "{third}");
-        assert_eq!(third.configuration.len(), 1);
+        // As a configuration reads it.
+        let configuration: toml::Table = third.configuration.join("\n").parse().unwrap();
+        assert_eq!(configuration["translation"]["sample_rate_hz"].as_float(), Some(3.333));
     }
 
     #[test]
     fn nothing_in_a_file_reaches_the_terminal_as_an_order() {
-        let found = inspected("\u{1b}[2Jboom,b\n1,2\n", &[]);
-        assert!(found.contents[0].contains('\u{1b}') && !found.to_string().contains('\u{1b}'), "{found}");
+        let found = inspected("v\u{1b}x,\u{1b}[2Jboom\n1,2\n", &[]);
+        assert!(found.commands[0].contains("velocity_x=v\u{1b}x"), "{found}");
+        assert!(found.contents[1].contains('\u{1b}') && !found.to_string().contains('\u{1b}'), "{found}");
     }
 }

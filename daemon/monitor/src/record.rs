@@ -1,8 +1,8 @@
 //! `monitor record`: an MCAP file of everything that passes.
 //!
 //! One thread takes from shared memory, another writes: a disk that hesitates for seconds holds nothing up. A chunk is
-//! written at least twice a second and in one piece, so that a recording which ends in the middle, with the power or with
-//! `kill -9`, is whole up to there; readers with recovery (`mcap recover`, `sim_publisher replay`) read it.
+//! written at least twice a second and in one piece, so that a recording which ends in the middle, with
+//! `kill -9`, is whole up to there (what a power failure costs is the system's affair); readers with recovery (`mcap recover`, `sim_publisher replay`) read it.
 
 use crate::link::{Link, News, Whence};
 use crate::topics::{Tally, Topics, WallClock};
@@ -30,7 +30,7 @@ const LOOK_EVERY: Duration = Duration::from_millis(2);
 /// How chunks are compressed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
 pub enum Compression {
-    /// Fast, and about a third of the size
+    /// Fast; smaller files
     Lz4,
     /// As it is
     None,

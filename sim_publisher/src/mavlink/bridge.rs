@@ -349,7 +349,10 @@ impl Bridge {
     /// `None` where the content cannot be.
     fn understand(&mut self, frame: &Frame, autopilot: Option<MavAutopilot>, receive_ns: u64) -> Option<()> {
         let takes_pair = match self.settings.source {
-            Source::Auto => !is_recent(self.odometry_at_ns, receive_ns),
+            // Axes of another heading would turn the vehicle within one stream.
+            Source::Auto => {
+                self.frame != MavFrame::MAV_FRAME_LOCAL_FRD && !is_recent(self.odometry_at_ns, receive_ns)
+            }
             Source::Odometry => false,
             Source::LocalPosition => true,
         };

@@ -69,6 +69,9 @@ impl ImportOptions {
             Format::Acsl | Format::Csv | Format::Ulog | Format::Record if self.topic.is_some() => {
                 wrong("--topic is for --format mcap")
             }
+            Format::Mcap if of_tables && self.topic.is_some() => wrong(
+                "--topic and columns: needed: one of them; a column's topic is in --column KEY=/topic:path",
+            ),
             Format::Acsl | Format::Ulog | Format::Record if of_tables => {
                 wrong("--column and --map are for --format csv and mcap; other logs name their own columns")
             }
@@ -187,6 +190,8 @@ pub enum SkipReason {
     NotANumber,
     /// The time is not later than that of the row before.
     TimeNotIncreasing,
+    /// The time is more than a second ahead, and the rows after it go back.
+    TimeAhead,
     /// The attitude is no unit quaternion within 5 %.
     NoUnitQuaternion,
     /// No field of the row has a value.
@@ -204,6 +209,7 @@ impl SkipReason {
             Self::TooFewValues => "fewer values than column names",
             Self::NotANumber => "a needed value is not a finite number",
             Self::TimeNotIncreasing => "time not later than in the row before",
+            Self::TimeAhead => "time ahead of the rows after it",
             Self::NoUnitQuaternion => "attitude not of unit norm",
             Self::NothingMeasured => "no value at all",
             Self::NoAttitudeYet => "thrust before the first attitude",
@@ -382,14 +388,14 @@ impl Collector {
 
     /// Adds a row taken at `time_ns`, any origin; its sequence and stamp are set here.
     fn add(&mut self, line: u64, time_ns: i128, sample: Measurement) -> bool {
-        let accepted = self.place(time_ns, sample);
+        let accepted = self.place(line, time_ns, sample);
         if let Err(reason) = accepted {
             self.skipped.add(reason, line);
         }
         accepted.is_ok()
     }
 
-    fn place(&mut self, time_ns: i128, mut sample: Measurement) -> Result<(), SkipReason> {
+    fn place(&mut self, line: u64, time_ns: i128, mut sample: Measurement) -> Result<(), SkipReason> {
         if sample.valid == 0 {
             return Err(SkipReason::NothingMeasured);
         }
@@ -398,6 +404,7 @@ impl Collector {
         }
         let first_ns = self.first_ns.unwrap_or(time_ns);
         let stamp_ns = u64::try_from(time_ns - first_ns).map_err(|_| SkipReason::TimeNotIncreasing)?;
+        self.forget_a_jump_ahead(line, stamp_ns);
         if self.samples.last().is_some_and(|previous| previous.stamp_ns >= stamp_ns) {
             return Err(SkipReason::TimeNotIncreasing);
         }
@@ -405,6 +412,26 @@ impl Collector {
         (sample.sequence, sample.stamp_ns) = (self.samples.len() as u64, stamp_ns);
         self.samples.push(sample);
         Ok(())
+    }
+
+    /// Samples after a jump ahead that this one goes back behind were stamped by a clock that erred: without this, all that
+    /// follows would be late until the time has caught up.
+    fn forget_a_jump_ahead(&mut self, line: u64, stamp_ns: u64) {
+        const JUMP_NS: u64 = 1_000_000_000;
+        if self.samples.last().is_none_or(|last| last.stamp_ns <= stamp_ns) {
+            return;
+        }
+        let after_jump = self.samples.partition_point(|sample| sample.stamp_ns <= stamp_ns);
+        let jump = after_jump.checked_sub(1).zip(self.samples.get(after_jump));
+        let is_ahead = jump.is_some_and(|(before, after)| {
+            after.stamp_ns - self.samples[before].stamp_ns > JUMP_NS
+                && self.samples[before].stamp_ns < stamp_ns
+        });
+        if is_ahead {
+            for _ in self.samples.drain(after_jump..) {
+                self.skipped.add(SkipReason::TimeAhead, line);
+            }
+        }
     }
 
     fn finish(self, path: &str, airborne: Option<Range<usize>>) -> Result<RecordedFlight, ImportError> {
@@ -456,6 +483,23 @@ fn parse_ns(text: &str, ns_per_unit: i128) -> Option<i128> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_clock_that_errs_ahead_costs_its_own_samples_alone() {
+        let stamps_ms = [0, 10, 20, 60_030, 60_040, 30, 40, 2_000, 2_010, 2_005, 15, 2_020];
+        let mut flight = Collector::default();
+        let sample = Measurement::default().with_velocity_m_s([1.0, 0.0, 0.0]);
+        for (line, stamp_ms) in stamps_ms.into_iter().enumerate() {
+            flight.add(line as u64, 5 + stamp_ms * 1_000_000, sample);
+        }
+        let flight = flight.finish("f", None).unwrap();
+        let kept: Vec<_> = flight.samples.iter().map(|sample| sample.stamp_ns / 1_000_000).collect();
+        // A gap is no jump, as long as nothing goes back behind it; what is late in order stays late.
+        assert_eq!(kept, [0, 10, 20, 30, 40, 2_000, 2_010, 2_020]);
+        let of = |reason| flight.skipped.for_reason(reason);
+        assert_eq!((of(SkipReason::TimeAhead), of(SkipReason::TimeNotIncreasing)), (2, 2));
+        assert!((0..).zip(&flight.samples).all(|(sequence, sample)| sample.sequence == sequence));
+    }
 
     #[test]
     fn times_are_exact_to_the_nanosecond() {
