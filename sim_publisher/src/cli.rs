@@ -67,9 +67,9 @@ column that bears a key's own name needs no naming, body_velocity_x|y|z neither:
 Examples:
   sim_publisher replay --format acsl flight.log --airborne-only
   sim_publisher replay flight.ulg --mass-kg 1.5 --airborne-only
-  # A recording of monitor record; one of somebody else (JSON or Protocol Buffers)
+  # A recording of monitor record; another one (JSON or Protocol Buffers)
   sim_publisher replay flight.mcap
-  sim_publisher replay --format mcap bag.mcap --column velocity_x=/dvl:v.0 \\
+  sim_publisher replay bag.mcap --column velocity_x=/dvl:v.0 \\
       --column velocity_y=/dvl:v.1 --column velocity_z=/dvl:v.2
   # Four times as fast, with clock = \"samples\" in the service's configuration
   sim_publisher replay --format csv flight.csv --map map.toml --speed 4
