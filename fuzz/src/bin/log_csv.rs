@@ -11,5 +11,11 @@ fuzz_target!(|bytes: &[u8]| {
     let Some(at) = bytes.windows(BETWEEN.len()).position(|window| window == BETWEEN) else { return };
     let Ok(map) = str::from_utf8(&bytes[..at]) else { return };
     let Ok(map) = toml::from_str::<CsvMap>(map) else { return };
-    fuzz::check_flight(parse_flight(Format::Csv, &bytes[at + BETWEEN.len()..], "fuzz", &map, &UlogScales::default()));
+    fuzz::check_flight(parse_flight(
+        Format::Csv,
+        &bytes[at + BETWEEN.len()..],
+        "fuzz",
+        &map,
+        &UlogScales::default(),
+    ));
 });

@@ -5,7 +5,7 @@
 //! | [`frames`] | bytes into frames; garbage skipped and counted |
 //! | [`clock`] | the vehicle's time on our clock |
 //! | [`convert`] | messages into quantities, an estimate into ODOMETRY: axes, signs, units |
-//! | [`bridge`] | which vehicle, which messages make a sample; no clock, no wire |
+//! | [`mod@bridge`] | which vehicle, which messages make a sample; no clock, no wire |
 //! | [`link`] | UDP and serial |
 //!
 //! This file is the loop around them, a process of its own beside the real-time one. What is sent: HEARTBEAT once a second,
