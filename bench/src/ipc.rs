@@ -172,7 +172,7 @@ fn measure(
     core: usize,
     stopped: &dyn Fn() -> bool,
 ) -> anyhow::Result<(Times, Times)> {
-    let domain = OwnDomain::new("ipc")?;
+    let domain = OwnDomain::new()?;
     let settings =
         ServiceSettings { preset: &arguments.preset, trigger: "sample", rate_hz: 200.0, spin_us: 0.0 };
     let service = Child::start_service(&domain, "vehicle", &settings, &[core])?;
@@ -205,7 +205,7 @@ fn measure(
 
 /// With an echo of their own, so that their ports cost the round trips above nothing.
 fn compare_clients(n_samples: usize, core: usize, stopped: &dyn Fn() -> bool) -> anyhow::Result<Comparison> {
-    let domain = OwnDomain::new("ipc")?;
+    let domain = OwnDomain::new()?;
     let echo = Child::start_on(&domain, &["echo"], &[core])?;
     let compared = c_client::compare(&domain, BARE, n_samples, stopped).with_context(|| echo.log());
     echo.terminate();

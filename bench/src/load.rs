@@ -122,7 +122,7 @@ fn with_readers(
     stop: &AtomicBool,
 ) -> anyhow::Result<ReadersRow> {
     let core = machine.other_core()?;
-    let domain = OwnDomain::new("load")?;
+    let domain = OwnDomain::new()?;
     let (service, client) = start_service(&domain, "vehicle", TriggerMode::Sample, rate_hz, &[core])?;
     let mut exchange = ServiceExchange::of(&client)?;
     let others = (1..n_readers).map(|_| client.estimate_subscriber());
@@ -156,7 +156,7 @@ fn with_instances(
     stop: &AtomicBool,
 ) -> anyhow::Result<InstancesRow> {
     let cores = machine.all_cores();
-    let domain = OwnDomain::new("load")?;
+    let domain = OwnDomain::new()?;
     let mut vehicles = Vec::new();
     for i in 0..n_instances {
         let name = format!("v{i}");

@@ -30,9 +30,11 @@ pub(crate) struct OwnDomain {
 }
 
 impl OwnDomain {
-    /// A domain whose files in /dev/shm begin with `prefix`, of a few letters.
-    pub(crate) fn new(prefix: &str) -> anyhow::Result<Self> {
-        let root = tempfile::Builder::new().prefix(prefix).tempdir_in("/dev/shm");
+    /// A domain whose files in /dev/shm begin with `bench` and this process's id: what a killed one leaves there
+    /// tells whose it was.
+    pub(crate) fn new() -> anyhow::Result<Self> {
+        let prefix = format!("bench{}-", std::process::id());
+        let root = tempfile::Builder::new().prefix(&prefix).tempdir_in("/dev/shm");
         let root = root.context("make a directory in /dev/shm")?;
         Ok(Self { domain: Domain::at(root.path())?, _root: root })
     }

@@ -174,7 +174,7 @@ fn one_service(
     core: usize,
     stop: &AtomicBool,
 ) -> anyhow::Result<Seen> {
-    let domain = OwnDomain::new("serv")?;
+    let domain = OwnDomain::new()?;
     let service = Child::start_service(&domain, "vehicle", settings, &[core])?;
     let client = Client::connect(domain.domain(), "vehicle", PATIENCE)
         .or_else(|error| Err(error).with_context(|| service.log()))?;

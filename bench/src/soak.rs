@@ -76,7 +76,7 @@ struct Report {
 /// A process does not start; a sample is neither used nor counted; memory grows.
 pub fn run(arguments: &SoakArguments) -> anyhow::Result<()> {
     let stop = stop_flag()?;
-    let domain = OwnDomain::new("soak")?;
+    let domain = OwnDomain::new()?;
     let files = tempfile::tempdir().context("make a directory for the flight record")?;
     let record = files.path().join("flight.rec");
     let record = record.to_str().context("the temporary directory's path is no text")?;

@@ -2,29 +2,20 @@
 
 mod common;
 
-use common::{Role, TestDomain, bench, text};
+use common::{Role, TestDomain, bench, run_and_leave_nothing, shared_memory_of, text};
 use rustix::process::{Pid, Signal, kill_process};
 use std::path::PathBuf;
 use std::process::Stdio;
 use std::time::Duration;
 
-/// Directories and segments that a demo may have left behind.
-fn demo_files() -> Vec<PathBuf> {
-    let entries = std::fs::read_dir("/dev/shm").unwrap().flatten();
-    entries
-        .filter(|e| e.file_name().to_str().is_some_and(|n| n.starts_with("demo")))
-        .map(|e| e.path())
-        .collect()
-}
-
-// One test, because another demo's files would be seen as left behind.
+// One test: two demos at once would take each other's cores.
 #[test]
 fn the_demo_prints_one_document_and_leaves_nothing_behind() {
     let out = tempfile::tempdir().unwrap();
     let out_text = out.path().to_str().unwrap();
     for scenario in ["rigid-body", "translation"] {
         let arguments = ["demo", "--scenario", scenario, "--duration", "4", "--json", "--out", out_text];
-        let output = bench(&arguments).output().unwrap();
+        let output = run_and_leave_nothing(&arguments);
         assert!(output.status.success(), "{}", text(&output.stderr));
         let document: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
         assert_eq!(document["scenario"], scenario);
@@ -53,17 +44,16 @@ fn the_demo_prints_one_document_and_leaves_nothing_behind() {
             let plot = out.path().join(format!("{scenario}-truth-and-estimate.{extension}"));
             assert!(std::fs::metadata(plot).unwrap().len() > 10_000);
         }
-        assert_eq!(demo_files(), Vec::<PathBuf>::new());
     }
 
     // Ctrl-C in the middle.
     let mut command = bench(&["demo", "--duration", "60", "--out", out_text]);
     let mut demo = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
     std::thread::sleep(Duration::from_secs(3));
-    assert!(!demo_files().is_empty(), "it runs");
+    assert!(!shared_memory_of(demo.id()).is_empty(), "it runs");
     kill_process(Pid::from_child(&demo), Signal::INT).unwrap();
     assert!(demo.wait().unwrap().success());
-    assert_eq!(demo_files(), Vec::<PathBuf>::new());
+    assert_eq!(shared_memory_of(demo.id()), Vec::<PathBuf>::new());
 }
 
 #[test]

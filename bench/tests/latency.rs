@@ -3,26 +3,18 @@
 
 mod common;
 
-use common::{bench, text};
+use common::{bench, run_and_leave_nothing, shared_memory_of, text};
 use rustix::process::{Pid, Signal, kill_process};
 use serde_json::Value;
 use std::path::PathBuf;
 use std::process::Stdio;
 use std::time::{Duration, Instant};
 
-/// The document that a command prints.
+/// The document that a command prints; it leaves nothing behind.
 fn document(arguments: &[&str]) -> Value {
-    let output = bench(arguments).arg("--json").output().unwrap();
+    let output = run_and_leave_nothing(&[arguments, &["--json"]].concat());
     assert!(output.status.success(), "{}", text(&output.stderr));
     serde_json::from_slice(&output.stdout).unwrap()
-}
-
-/// Directories and segments in shared memory that a command may have left behind.
-fn left_behind(prefix: &str) -> Vec<PathBuf> {
-    let entries = std::fs::read_dir("/dev/shm").unwrap().flatten();
-    let ours =
-        entries.filter(|entry| entry.file_name().to_str().is_some_and(|name| name.starts_with(prefix)));
-    ours.map(|entry| entry.path()).collect()
 }
 
 /// Quantiles in ascending order, or null with a reason.
@@ -56,7 +48,6 @@ fn round_trips_are_compared_and_nothing_stays() {
     let found = document(&["ipc", "--samples", "120", "--batch", "50"]);
     assert_machine(&found);
     let counts = ["service_ns", "bare_ns"].map(|key| assert_quantiles(&found, key));
-    assert_eq!(left_behind("ipc"), Vec::<PathBuf>::new());
     if !has_two_cores() {
         assert_eq!(counts, [None, None]);
         assert!(found["service_over_bare_median_reason"].is_string());
@@ -130,7 +121,6 @@ fn every_trigger_and_rate_has_its_row_histogram_and_curve() {
         assert!(bins.windows(2).all(|pair| pair[0]["to_ns"] == pair[1]["from_ns"]));
     }
     assert!(std::fs::read_to_string(plot).unwrap().contains("share later"));
-    assert_eq!(left_behind("serv"), Vec::<PathBuf>::new());
 }
 
 #[test]
@@ -172,7 +162,7 @@ fn cyclictest_that_is_not_there_is_said_with_its_remedy() {
     assert!(found["ratios"][0]["fifo_over_cyclictest_p50"].is_null());
 }
 
-// One test, because another run's files would be seen as left behind.
+// One test: two at once would take each other's cores.
 #[test]
 fn readers_and_vehicles_are_counted_and_nothing_stays_even_after_ctrl_c() {
     if !has_two_cores() {
@@ -192,16 +182,15 @@ fn readers_and_vehicles_are_counted_and_nothing_stays_even_after_ctrl_c() {
             assert!(row[key].as_u64() > Some(0), "{key}: {row}");
         }
     }
-    assert_eq!(left_behind("load"), Vec::<PathBuf>::new());
 
     let mut command = bench(&["load", "--readers", "1", "--instances", "2", "--seconds", "600", "--json"]);
     let mut load = command.stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap();
     let started = Instant::now();
-    while left_behind("load").len() < 5 {
+    while shared_memory_of(load.id()).len() < 5 {
         assert!(started.elapsed() < Duration::from_secs(20), "it does not start");
         std::thread::sleep(Duration::from_millis(20));
     }
     kill_process(Pid::from_child(&load), Signal::INT).unwrap();
     assert!(load.wait().unwrap().success());
-    assert_eq!(left_behind("load"), Vec::<PathBuf>::new());
+    assert_eq!(shared_memory_of(load.id()), Vec::<PathBuf>::new());
 }

@@ -262,7 +262,7 @@ fn record(
     faults: &[Fault],
     stop: &AtomicBool,
 ) -> anyhow::Result<Recording> {
-    let domain = OwnDomain::new("demo")?;
+    let domain = OwnDomain::new()?;
     let rate_hz = config.config.rate_hz.to_string();
     let service = ["daemon", "run", "--preset", preset, "--rate-hz", &rate_hz];
     let mut service = Service::start(&domain, &service)?;

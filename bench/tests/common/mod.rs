@@ -4,7 +4,7 @@
 
 use rustix::process::{Pid, Signal, kill_process};
 use shared_types::Domain;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
 use std::time::{Duration, Instant};
 
@@ -39,6 +39,24 @@ pub fn bench(arguments: &[&str]) -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_bench"));
     command.args(arguments).stdin(Stdio::null());
     command
+}
+
+/// The directories and segments that a process of `bench` has in shared memory.
+pub fn shared_memory_of(pid: u32) -> Vec<PathBuf> {
+    let prefix = format!("bench{pid}-");
+    let entries = std::fs::read_dir("/dev/shm").unwrap().flatten();
+    let its =
+        entries.filter(|entry| entry.file_name().to_str().is_some_and(|name| name.starts_with(&prefix)));
+    its.map(|entry| entry.path()).collect()
+}
+
+/// `bench` with these arguments, run to its end; nothing of it may stay in shared memory.
+pub fn run_and_leave_nothing(arguments: &[&str]) -> Output {
+    let child = bench(arguments).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+    let pid = child.id();
+    let output = child.wait_with_output().unwrap();
+    assert_eq!(shared_memory_of(pid), Vec::<PathBuf>::new());
+    output
 }
 
 /// One process of the demo, killed when the test ends.
