@@ -330,19 +330,12 @@ impl DesignArguments {
 
 impl PlaceArguments {
     pub(crate) fn domain(&self) -> Result<Domain, DomainError> {
-        domain_at(self.root.as_deref())
-    }
-}
-
-fn domain_at(root: Option<&Path>) -> Result<Domain, DomainError> {
-    match root {
-        Some(root) => Domain::at(root),
-        None => Domain::of_user(),
+        Domain::at_or_of_user(self.root.as_deref())
     }
 }
 
 fn iceoryx2_config(root: Option<&Path>) -> anyhow::Result<()> {
-    let domain = domain_at(root)?;
+    let domain = Domain::at_or_of_user(root)?;
     // Whoever reads this would make the root path open to its group, and without our lock in it.
     drop(domain.lock_for_making()?);
     outln!("{}", toml::to_string(&domain.config_for_others()).context("write as TOML")?.trim_end());

@@ -96,10 +96,16 @@ impl Domain {
     /// # Errors
     /// As [`Domain::at`].
     pub fn of_user() -> Result<Self, DomainError> {
-        match std::env::var_os(ROOT_VARIABLE) {
-            Some(root) => Self::at(Path::new(&root)),
-            None => Self::at(Path::new(&format!("{SEGMENTS}/observer-{}", geteuid().as_raw()))),
-        }
+        let default = || format!("{SEGMENTS}/observer-{}", geteuid().as_raw()).into();
+        Self::at(Path::new(&std::env::var_os(ROOT_VARIABLE).unwrap_or_else(default)))
+    }
+
+    /// The domain with this root path, or without one [`Domain::of_user`].
+    ///
+    /// # Errors
+    /// As [`Domain::at`].
+    pub fn at_or_of_user(root: Option<&Path>) -> Result<Self, DomainError> {
+        root.map_or_else(Self::of_user, Self::at)
     }
 
     /// The domain with this root path. The prefix of its segments is the last component and a hash of the

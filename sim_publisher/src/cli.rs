@@ -497,10 +497,7 @@ fn mavlink(args: &MavlinkArgs) -> Result<(), Failure> {
 
 /// The service of this instance, once it is there; `None` where a stop came first.
 fn connected(target: &TargetArgs, stop: &AtomicBool) -> Result<Option<(Domain, Client)>, Failure> {
-    let domain = match &target.root {
-        Some(root) => Domain::at(root)?,
-        None => Domain::of_user()?,
-    };
+    let domain = Domain::at_or_of_user(target.root.as_deref())?;
     let (instance, root) = (&target.instance, domain.root().display());
     let client = connect(&domain, instance, stop, || {
         logln!(

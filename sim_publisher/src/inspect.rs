@@ -1,7 +1,7 @@
 //! What a log holds, and which options and numbers of a configuration follow from it.
 
 use crate::replay::{
-    CsvMap, Format, ImportError, ImportOptions, column_names, mcap_topics, read_flight, ulog_contents,
+    Format, ImportError, ImportOptions, column_names, mcap_topics, parse_flight, read_file, ulog_contents,
 };
 use serde::Serialize;
 use shared_types::Measurement;
@@ -54,27 +54,25 @@ pub struct Findings {
 /// Looks into a log.
 ///
 /// # Errors
-/// As [`read_flight`]; a table whose columns are not named is no error.
+/// As [`crate::read_flight`]; a table whose columns are not named is no error.
 pub fn inspect(format: Format, path: &Path, options: &ImportOptions) -> Result<Findings, ImportError> {
     let file = path.display().to_string();
+    let import = options.import(format)?;
+    let bytes = read_file(path)?;
     let mut contents = Vec::new();
     let mut has_unused_thrust = false;
-    let read = || std::fs::read(path).map_err(|source| ImportError::Io { path: file.clone(), source });
     match format {
         Format::Ulog => {
-            let ulog = ulog_contents(&read()?);
+            let ulog = ulog_contents(&bytes);
             has_unused_thrust = options.thrust_n.or(options.mass_kg).is_none();
             contents.extend(ulog.topics.iter().map(|(topic, n)| format!("{topic} ({n})")));
             contents.extend(ulog.hover_thrust.map(|thrust| format!("hover thrust {thrust:.3}")));
         }
-        Format::Csv => {
-            let map = CsvMap::read(options.map.as_deref(), &options.column)?;
-            contents = column_names(&read()?, &map)?;
-        }
-        Format::Mcap => contents = mcap_topics(&read()?, &file)?,
+        Format::Csv => contents = column_names(&bytes, &import.map)?,
+        Format::Mcap => contents = mcap_topics(&bytes, &file)?,
         Format::Acsl | Format::Record => {}
     }
-    let flight = match read_flight(format, path, options) {
+    let flight = match parse_flight(format, &bytes, &file, &import) {
         Err(ImportError::Map(error)) if format == Format::Csv && options.map.is_none() => {
             return Ok(unnamed_columns(file, &error.to_string(), contents, options));
         }
@@ -83,16 +81,6 @@ pub fn inspect(format: Format, path: &Path, options: &ImportOptions) -> Result<F
     let shown = shell_word(&file);
 
     let quantities = quantities(&flight.samples);
-    let mut remarks = flight.remarks.clone();
-    if flight.skipped_rows() > 0 {
-        remarks.push(flight.skipped.to_string());
-    }
-    if flight.values_not_finite > 0 {
-        remarks.push(format!(
-            "{} values not finite; their fields carry no measurement",
-            flight.values_not_finite
-        ));
-    }
     let import = import_arguments(format, path, options, has_unused_thrust);
     let airborne = if flight.airborne.is_some() { " --airborne-only" } else { "" };
     let has = |bit: u32| flight.samples.iter().any(|sample| sample.has(bit));
@@ -110,7 +98,7 @@ pub fn inspect(format: Format, path: &Path, options: &ImportOptions) -> Result<F
         airborne_s: flight.airborne_s(),
         configuration: configuration(&quantities),
         quantities,
-        remarks,
+        remarks: flight.findings(),
         contents,
         commands,
         file,

@@ -46,8 +46,8 @@ pub mod supervise;
 
 pub use cli::main_with_args;
 pub use replay::{
-    CsvMap, Format, ImportError, ImportOptions, RecordedFlight, UlogScales, parse_flight, read_flight,
-    say_findings,
+    CsvMap, Format, Import, ImportError, ImportOptions, RecordedFlight, UlogScales, parse_flight,
+    read_flight, say_findings,
 };
 pub use scenario::Scenario;
 pub use simulation::{SimulatedSample, Simulation, SimulationError, SimulationOptions};

@@ -2,8 +2,8 @@
 //!
 //! stdout carries results, stderr the log. Exit codes: 0 done, 1 failed while running, 2 wrong usage.
 
-use crate::link::{Link, News, Whence};
-use crate::model::{Model, Presence};
+use crate::link::{Announcer, LOOK_EVERY, Link, News, Whence};
+use crate::model::Model;
 use crate::record::{self, Compression, record};
 use crate::screen::{self, now};
 use crate::sections::text;
@@ -92,10 +92,7 @@ impl Target {
     /// A path or a name that cannot be.
     pub fn domain(&self) -> anyhow::Result<Domain> {
         check_instance_name(&self.instance)?;
-        Ok(match &self.root {
-            Some(root) => Domain::at(root)?,
-            None => Domain::of_user()?,
-        })
+        Ok(Domain::at_or_of_user(self.root.as_deref())?)
     }
 }
 
@@ -173,8 +170,6 @@ fn parse_fps(text: &str) -> Result<f64, String> {
 
 /// How long `--once` waits for an estimate and a status.
 const ONCE_PATIENCE: Duration = Duration::from_secs(5);
-/// Between two looks without a screen.
-const LOOK_EVERY: Duration = Duration::from_millis(2);
 /// Columns of the text of `--once`.
 const TEXT_WIDTH: usize = 100;
 
@@ -337,28 +332,16 @@ fn lines(
     stop: &AtomicBool,
 ) -> anyhow::Result<()> {
     let mut link = Link::new(domain.clone(), instance, whence, monotonic_ns());
-    let mut presence = Presence::Unknown;
+    let mut announcer = Announcer::default();
     let mut left = count.unwrap_or(u64::MAX);
     while !stop.load(Ordering::Relaxed) && left > 0 {
         let mut estimates = Vec::new();
-        let looked = link.look(monotonic_ns(), |news| match news {
-            News::Estimate(estimate) => estimates.push(estimate),
-            News::Away { since_ns, why } => {
-                // Said once, and again when it is another one.
-                if !matches!(&presence, Presence::Away { why: before, .. } if *before == why) {
-                    logln!("monitor: no estimate comes, waiting: {why}");
-                }
-                presence = Presence::Away { since_ns, why };
+        link.look(monotonic_ns(), |news| {
+            announcer.note(&news);
+            if let News::Estimate(estimate) = news {
+                estimates.push(estimate);
             }
-            News::Measurement(_) | News::Status(_) | News::Truth(_) | News::Clock(_) | News::Rebooted => {}
-        });
-        looked?;
-        if !estimates.is_empty() {
-            if matches!(presence, Presence::Away { .. }) {
-                logln!("monitor: estimates come");
-            }
-            presence = Presence::Here;
-        }
+        })?;
         let mut out = stdout().lock();
         for estimate in estimates.iter().take(usize::try_from(left).unwrap_or(usize::MAX)) {
             serde_json::to_writer(&mut out, &EstimateLine::of(estimate)).map_err(std::io::Error::from)?;

@@ -11,12 +11,14 @@
 
 use shared_types::client::Stream;
 use shared_types::clock::SenderClock;
-use shared_types::{Client, ClientError, Domain, Estimate, Measurement, Status, Truth};
+use shared_types::{Client, ClientError, Domain, Estimate, Measurement, Status, Truth, logln};
 use std::time::Duration;
 
 /// Without an estimate for this long, or for [`SILENT_PERIODS`] of its own, the service is away (ns).
 const SILENCE_NS: u64 = 1_000_000_000;
 const SILENT_PERIODS: u64 = 5;
+/// Between two looks without a screen: the smallest queue in shared memory lasts for 64 ms at 1 kHz.
+pub const LOOK_EVERY: Duration = Duration::from_millis(2);
 /// From being away to giving back the ports, in which a stopped service may go on (ns).
 const GRACE_NS: u64 = 2_000_000_000;
 /// From one look for a service that is away to the next (ns).
@@ -54,6 +56,26 @@ pub enum News {
         /// What was found, and what to do.
         why: String,
     },
+}
+
+/// Says on stderr when estimates stay away, each reason once, and when they come again.
+#[derive(Debug, Default)]
+pub struct Announcer {
+    why_away: Option<String>,
+}
+
+impl Announcer {
+    /// Takes note of what a look has brought.
+    pub fn note(&mut self, news: &News) {
+        match news {
+            News::Away { why, .. } if self.why_away.as_ref() != Some(why) => {
+                logln!("monitor: no estimate comes, waiting: {why}");
+                self.why_away = Some(why.clone());
+            }
+            News::Estimate(_) if self.why_away.take().is_some() => logln!("monitor: estimates come"),
+            _ => {}
+        }
+    }
 }
 
 /// The ports, while they are open.

@@ -4,7 +4,7 @@
 //! written at least twice a second and in one piece, so that a recording which ends in the middle, with
 //! `kill -9`, is whole up to there (what a power failure costs is the system's affair); readers with recovery (`mcap recover`, `sim_publisher replay`) read it.
 
-use crate::link::{Link, News, Whence};
+use crate::link::{Announcer, LOOK_EVERY, Link, News, Whence};
 use crate::topics::{Tally, Topics, WallClock};
 use crate::{VERSION, cli::Target};
 use anyhow::Context as _;
@@ -24,8 +24,6 @@ use std::time::Duration;
 const QUEUE: usize = 16_384;
 /// From one chunk's end to the next (ns), and what a sudden end costs at most.
 const CHUNK_NS: u64 = 500_000_000;
-/// Between two looks: the smallest queue in shared memory lasts for 64 ms at 1 kHz.
-const LOOK_EVERY: Duration = Duration::from_millis(2);
 
 /// How chunks are compressed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
@@ -144,7 +142,7 @@ pub fn record(target: &Target, options: &Options<'_>, stop: &AtomicBool) -> anyh
     logln!("monitor: recording instance '{}' to '{name}'; Ctrl-C ends it", target.instance);
     let mut link =
         Link::new(domain, &target.instance, Whence::ThisMachine, monotonic_ns()).with_measurements();
-    let mut queue = Queue { sender, not_written: 0, first_ns: None, is_away: false };
+    let mut queue = Queue { sender, not_written: 0, first_ns: None, announcer: Announcer::default() };
     let mut looked = Ok(());
     while !stop.load(Ordering::Relaxed) && !has_failed.load(Ordering::Relaxed) && looked.is_ok() {
         let now_ns = monotonic_ns();
@@ -181,26 +179,14 @@ struct Queue {
     sender: SyncSender<Taken>,
     not_written: u64,
     first_ns: Option<u64>,
-    is_away: bool,
+    announcer: Announcer,
 }
 
 impl Queue {
     fn take(&mut self, news: News, now_ns: u64) {
-        match &news {
-            News::Away { .. } if self.is_away => return,
-            News::Away { why, .. } => {
-                logln!("monitor: no estimate comes, waiting: {why}");
-                self.is_away = true;
-            }
-            News::Estimate(_) => {
-                if std::mem::take(&mut self.is_away) {
-                    logln!("monitor: estimates come");
-                }
-                self.first_ns.get_or_insert(now_ns);
-            }
-            _ => {
-                self.first_ns.get_or_insert(now_ns);
-            }
+        self.announcer.note(&news);
+        if !matches!(news, News::Away { .. }) {
+            self.first_ns.get_or_insert(now_ns);
         }
         if let Err(TrySendError::Full(_)) = self.sender.try_send(Taken::News(news, now_ns)) {
             self.not_written += 1;

@@ -5,17 +5,13 @@
 
 use crate::VERSION;
 use crate::cli::Target;
-use crate::link::{Link, News, Whence};
+use crate::link::{Announcer, LOOK_EVERY, Link, Whence};
 use crate::topics::{Topics, WallClock};
 use anyhow::Context as _;
 use foxglove::Context;
 use shared_types::{clock::monotonic_ns, logln, outln};
 use std::net::SocketAddr;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::time::Duration;
-
-/// Between two looks.
-const LOOK_EVERY: Duration = Duration::from_millis(2);
 
 /// Serves until `stop`, or the end of the duration.
 ///
@@ -45,7 +41,7 @@ pub fn serve(
     let mut topics = Topics::new(&context, instance, WallClock::now());
     let mut link = Link::new(domain, instance, Whence::ThisMachine, monotonic_ns()).with_measurements();
     let start_ns = monotonic_ns();
-    let (mut viewers, mut is_away) = (0, false);
+    let (mut viewers, mut announcer) = (0, Announcer::default());
     let mut looked = Ok(());
     while !stop.load(Ordering::Relaxed) && looked.is_ok() {
         let now_ns = monotonic_ns();
@@ -53,17 +49,7 @@ pub fn serve(
             break;
         }
         looked = link.look(now_ns, |news| {
-            match &news {
-                News::Away { why, .. } if !is_away => {
-                    logln!("monitor: no estimate comes, waiting: {why}");
-                    is_away = true;
-                }
-                News::Estimate(_) if is_away => {
-                    logln!("monitor: estimates come");
-                    is_away = false;
-                }
-                _ => {}
-            }
+            announcer.note(&news);
             topics.note(&news, monotonic_ns());
         });
         if viewers != server.client_count() {

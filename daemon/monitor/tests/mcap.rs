@@ -11,7 +11,7 @@ use serde_json::{Map, Value, json};
 use shared_types::client::Stream;
 use shared_types::payload::{Estimate, Measurement, Status, Truth, valid};
 use shared_types::{Client, clock::monotonic_ns};
-use sim_publisher::{CsvMap, Format, ImportOptions, UlogScales, parse_flight, read_flight};
+use sim_publisher::{Format, Import, ImportOptions, parse_flight, read_flight};
 use std::collections::BTreeMap;
 use std::io::{BufRead, BufReader, Write};
 use std::path::{Path, PathBuf};
@@ -405,9 +405,7 @@ fn a_recording_goes_on_across_a_killed_service_and_is_whole_without_its_end() {
 
 /// Cut anywhere or with any byte spoilt, a recording gives a shorter result or a sentence.
 fn assert_no_panic(bytes: &[u8]) {
-    let parse = |bytes: &[u8]| {
-        parse_flight(Format::Mcap, bytes, "spoilt", &CsvMap::default(), &UlogScales::default())
-    };
+    let parse = |bytes: &[u8]| parse_flight(Format::Mcap, bytes, "spoilt", &Import::default());
     let whole = parse(bytes).unwrap();
     let mut shorter = 0;
     let mut refused = 0;

@@ -3,12 +3,11 @@
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
-use sim_publisher::{CsvMap, Format, UlogScales, parse_flight};
+use sim_publisher::{Format, Import, parse_flight};
 
 fuzz_target!(|bytes: &[u8]| fuzz::check_flight(parse_flight(
     Format::Acsl,
     bytes,
     "fuzz",
-    &CsvMap::default(),
-    &UlogScales::default()
+    &Import::default()
 )));

@@ -3,7 +3,7 @@
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
-use sim_publisher::{CsvMap, Format, UlogScales, parse_flight};
+use sim_publisher::{CsvMap, Format, Import, parse_flight};
 
 const BETWEEN: &[u8] = b"\n---\n";
 
@@ -15,7 +15,6 @@ fuzz_target!(|bytes: &[u8]| {
         Format::Csv,
         &bytes[at + BETWEEN.len()..],
         "fuzz",
-        &map,
-        &UlogScales::default(),
+        &Import { map, ..Import::default() },
     ));
 });

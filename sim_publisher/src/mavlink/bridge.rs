@@ -136,6 +136,15 @@ struct Request {
     answered: bool,
 }
 
+impl Request {
+    fn of(message_id: u32) -> Self {
+        Self { message_id, asked: 0, asked_at_ns: 0, answered: false }
+    }
+}
+
+/// Together they say what ODOMETRY says.
+const PAIR_IDS: [u32; 2] = [LOCAL_POSITION_NED_DATA::ID, ATTITUDE_QUATERNION_DATA::ID];
+
 /// The vehicle's messages as samples.
 #[derive(Debug)]
 pub struct Bridge {
@@ -366,37 +375,19 @@ impl Bridge {
                 self.position_at_ns = Some(receive_ns);
                 self.frame = MavFrame::MAV_FRAME_LOCAL_NED;
                 let motion = convert::local_position(&message);
-                self.join(
-                    Half::Position,
-                    TimeBase::Milliseconds,
-                    ms(message.time_boot_ms),
-                    receive_ns,
-                    motion,
-                );
+                self.join_half(Half::Position, message.time_boot_ms, receive_ns, motion);
             }
             ATTITUDE_QUATERNION_DATA::ID if takes_pair => {
                 let message: ATTITUDE_QUATERNION_DATA = read(frame)?;
                 (self.quaternion_at_ns, self.attitude_at_ns) = (Some(receive_ns), Some(receive_ns));
                 let motion = convert::attitude_quaternion(&message);
-                self.join(
-                    Half::Attitude,
-                    TimeBase::Milliseconds,
-                    ms(message.time_boot_ms),
-                    receive_ns,
-                    motion,
-                );
+                self.join_half(Half::Attitude, message.time_boot_ms, receive_ns, motion);
             }
             ATTITUDE_DATA::ID if takes_pair && !is_recent(self.quaternion_at_ns, receive_ns) => {
                 let message: ATTITUDE_DATA = read(frame)?;
                 self.attitude_at_ns = Some(receive_ns);
                 let motion = convert::attitude(&message);
-                self.join(
-                    Half::Attitude,
-                    TimeBase::Milliseconds,
-                    ms(message.time_boot_ms),
-                    receive_ns,
-                    motion,
-                );
+                self.join_half(Half::Attitude, message.time_boot_ms, receive_ns, motion);
             }
             ATTITUDE_TARGET_DATA::ID => {
                 let thrust = read::<ATTITUDE_TARGET_DATA>(frame)?.thrust;
@@ -446,6 +437,11 @@ impl Bridge {
             TimeBase::Microseconds => &mut self.microseconds,
             TimeBase::Milliseconds => &mut self.milliseconds,
         }
+    }
+
+    fn join_half(&mut self, half: Half, time_boot_ms: u32, receive_ns: u64, motion: Motion) {
+        let vehicle_ns = i128::from(time_boot_ms) * 1_000_000;
+        self.join(half, TimeBase::Milliseconds, vehicle_ns, receive_ns, motion);
     }
 
     /// Puts a message to the half that waits, or begins a sample with it.
@@ -560,15 +556,13 @@ impl Bridge {
         if self.settings.request_rate_hz.is_none() {
             return;
         }
-        let pair = [LOCAL_POSITION_NED_DATA::ID, ATTITUDE_QUATERNION_DATA::ID];
         let of_source: &[u32] = match self.settings.source {
             Source::Auto | Source::Odometry => &[ODOMETRY_DATA::ID],
-            Source::LocalPosition => &pair,
+            Source::LocalPosition => &PAIR_IDS,
         };
         let thrust = self.settings.thrust_n.map(|_| ATTITUDE_TARGET_DATA::ID);
         let ids = of_source.iter().copied().chain(thrust);
-        self.requests =
-            ids.map(|message_id| Request { message_id, asked: 0, asked_at_ns: 0, answered: false }).collect();
+        self.requests = ids.map(Request::of).collect();
     }
 
     /// Asks for one message at a time: an answer names the command and not the message.
@@ -621,9 +615,7 @@ impl Bridge {
         let name = name_of(message_id);
         self.notes.push(format!("asked for {name}: {reason}"));
         if message_id == ODOMETRY_DATA::ID && self.settings.source == Source::Auto {
-            let ids = [LOCAL_POSITION_NED_DATA::ID, ATTITUDE_QUATERNION_DATA::ID];
-            let new = ids.map(|message_id| Request { message_id, asked: 0, asked_at_ns: 0, answered: false });
-            self.requests.extend(new);
+            self.requests.extend(PAIR_IDS.map(Request::of));
         }
     }
 }
@@ -632,10 +624,6 @@ impl Bridge {
 fn read<Data: MessageData>(frame: &Frame) -> Option<Data> {
     let payload = frame.payload();
     Data::deser(frame.version, &payload[..payload.len().min(Data::ENCODED_LEN)]).ok()
-}
-
-fn ms(time_boot_ms: u32) -> i128 {
-    i128::from(time_boot_ms) * 1_000_000
 }
 
 fn is_recent(at_ns: Option<u64>, now_ns: u64) -> bool {

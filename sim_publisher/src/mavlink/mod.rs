@@ -25,7 +25,7 @@ use mavlink::dialects::common::{
     MavMessage, MavModeFlag, MavState, MavType, ODOMETRY_DATA, TIMESYNC_DATA,
 };
 use mavlink::{MAVLinkV2MessageRaw, MavHeader, MessageData};
-use shared_types::client::{Latest, MeasurementPublisher};
+use shared_types::client::Latest;
 use shared_types::clock::monotonic_ns;
 use shared_types::payload::status_bits;
 use shared_types::{Client, ClientError, Estimate, logln};
@@ -391,7 +391,7 @@ pub fn bridge(
             publisher.publish(sample)?;
         }
         if samples.is_empty() {
-            let_readers_in(&publisher)?;
+            publisher.update_connections()?;
         }
         for note in bridge.take_notes() {
             logln!("{note}");
@@ -461,10 +461,6 @@ fn take(link: &Link, bytes: &mut [u8], bridge: &mut Bridge) -> Result<(), std::i
         }
     }
     Ok(())
-}
-
-fn let_readers_in(publisher: &MeasurementPublisher) -> Result<(), ClientError> {
-    publisher.update_connections()
 }
 
 fn heartbeat() -> MavMessage {

@@ -130,7 +130,7 @@ fn recording(bytes: &[u8], name: &str, topic: Option<&str>) -> Result<RecordedFl
             .clone()
             .and_then(|descriptor| DynamicMessage::decode(descriptor, &*message.data).ok())
             .and_then(|message| measurement(&message));
-        flights.entry(channel.topic.clone()).or_default().add(line, sample);
+        flights.entry(channel.topic.clone()).or_insert_with(Flight::new).add(line, sample);
     })?;
     let list = |topics: Vec<&str>| match topics.is_empty() {
         true => "none".to_owned(),
@@ -163,13 +163,16 @@ fn recording(bytes: &[u8], name: &str, topic: Option<&str>) -> Result<RecordedFl
 }
 
 /// One vehicle's samples.
-#[derive(Default)]
 struct Flight {
     collector: Collector,
     first_sequence: u64,
 }
 
 impl Flight {
+    fn new() -> Self {
+        Self { collector: Collector::of_recording(), first_sequence: 0 }
+    }
+
     fn add(&mut self, line: u64, sample: Option<Measurement>) {
         let Some(sample) = sample else {
             self.collector.skipped.add(SkipReason::NotANumber, line);
@@ -186,8 +189,6 @@ impl Flight {
             // Losses stay losses, where the source has not begun again.
             let next = previous.map_or(0, |previous| previous.saturating_add(1));
             added.sequence = sample.sequence.saturating_sub(self.first_sequence).max(next);
-            // Our own is no rounded one.
-            added.attitude_wxyz = sample.attitude_wxyz;
         }
     }
 }

@@ -57,7 +57,32 @@ pub struct ImportOptions {
     pub torque_n_m: Option<[f64; 3]>,
 }
 
+/// What a file does not say of itself, ready for use.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Import {
+    /// Which column holds what (csv, mcap).
+    pub map: CsvMap,
+    /// Which measurements (mcap); `None` for the only ones.
+    pub topic: Option<String>,
+    /// Force and torque of set-points (ulog).
+    pub scales: UlogScales,
+}
+
 impl ImportOptions {
+    /// What the options say of a file of this format.
+    ///
+    /// # Errors
+    /// `Map` or `Option` where they are not usable.
+    pub fn import(&self, format: Format) -> Result<Import, ImportError> {
+        self.check(format)?;
+        let Self { thrust_n, mass_kg, torque_n_m, .. } = *self;
+        Ok(Import {
+            map: CsvMap::read(self.map.as_deref(), &self.column)?,
+            topic: self.topic.clone(),
+            scales: UlogScales { thrust_n, torque_n_m, mass_kg },
+        })
+    }
+
     /// # Errors
     /// An option that this format has no use for, or a number that is none.
     fn check(&self, format: Format) -> Result<(), ImportError> {
@@ -294,6 +319,21 @@ impl RecordedFlight {
         self.skipped.rows()
     }
 
+    /// What a person should know before the flight is used: the remarks, and what was left out. A sentence each.
+    pub fn findings(&self) -> Vec<String> {
+        let mut findings = self.remarks.clone();
+        if self.skipped_rows() > 0 {
+            findings.push(self.skipped.to_string());
+        }
+        if self.values_not_finite > 0 {
+            findings.push(format!(
+                "{} values not finite; their fields carry no measurement",
+                self.values_not_finite
+            ));
+        }
+        findings
+    }
+
     /// From the first to the last sample (s).
     pub fn duration_s(&self) -> f64 {
         self.samples.last().map_or(0.0, |last| last.stamp_ns as f64 * 1e-9)
@@ -327,47 +367,38 @@ pub fn read_flight(
     path: &Path,
     options: &ImportOptions,
 ) -> Result<RecordedFlight, ImportError> {
-    let name = path.display().to_string();
-    options.check(format)?;
-    let map = CsvMap::read(options.map.as_deref(), &options.column)?;
-    let ImportOptions { thrust_n, mass_kg, torque_n_m, .. } = *options;
-    let bytes = std::fs::read(path).map_err(|source| ImportError::Io { path: name.clone(), source })?;
-    if format == Format::Mcap {
-        return mcap::parse(&bytes, &name, &map, options.topic.as_deref());
-    }
-    parse_flight(format, &bytes, &name, &map, &UlogScales { thrust_n, torque_n_m, mass_kg })
+    let import = options.import(format)?;
+    parse_flight(format, &read_file(path)?, &path.display().to_string(), &import)
+}
+
+pub(crate) fn read_file(path: &Path) -> Result<Vec<u8>, ImportError> {
+    std::fs::read(path).map_err(|source| ImportError::Io { path: path.display().to_string(), source })
 }
 
 /// Says on standard error what a person should know before the flight is used.
 pub fn say_findings(flight: &RecordedFlight, file: &str) {
-    for remark in &flight.remarks {
-        logln!("'{file}': {remark}");
-    }
-    if flight.skipped_rows() > 0 {
-        logln!("'{file}': {}", flight.skipped);
-    }
-    if flight.values_not_finite > 0 {
-        logln!("'{file}': {} values not finite; their fields carry no measurement", flight.values_not_finite);
+    for finding in flight.findings() {
+        logln!("'{file}': {finding}");
     }
 }
 
-/// A recorded flight from the bytes of its file; `name` stands for that in messages, `map` is of tables, `scales` of ULogs.
+/// A recorded flight from the bytes of its file; `name` stands for that in messages.
 ///
 /// # Errors
-/// As [`read_flight`], without `Io`.
+/// As [`read_flight`], without `Io` and `Option`.
 pub fn parse_flight(
     format: Format,
     bytes: &[u8],
     name: &str,
-    map: &CsvMap,
-    scales: &UlogScales,
+    import: &Import,
 ) -> Result<RecordedFlight, ImportError> {
+    let Import { map, topic, scales } = import;
     match format {
         Format::Record => record::parse(bytes, name),
         Format::Ulog => ulog::parse(bytes, name, scales),
         Format::Acsl => acsl::parse(bytes, name),
         Format::Csv => table::parse(bytes, name, map),
-        Format::Mcap => mcap::parse(bytes, name, map, None),
+        Format::Mcap => mcap::parse(bytes, name, map, topic.as_deref()),
     }
 }
 
@@ -379,11 +410,18 @@ struct Collector {
     values_not_finite: usize,
     first_ns: Option<i128>,
     remarks: Vec<String>,
+    /// Attitudes stay as they are: they are no rounded ones.
+    is_exact: bool,
 }
 
 impl Collector {
     fn counted_by(place: Place) -> Self {
         Self { skipped: Skipped { place, ..Skipped::default() }, ..Self::default() }
+    }
+
+    /// For what the service itself was given.
+    fn of_recording() -> Self {
+        Self { is_exact: true, ..Self::counted_by(Place::Sample) }
     }
 
     /// Adds a row taken at `time_ns`, any origin; its sequence and stamp are set here.
@@ -396,11 +434,13 @@ impl Collector {
     }
 
     fn place(&mut self, line: u64, time_ns: i128, mut sample: Measurement) -> Result<(), SkipReason> {
+        self.drop_values_not_finite(&mut sample);
         if sample.valid == 0 {
             return Err(SkipReason::NothingMeasured);
         }
         if sample.has(valid::ATTITUDE) {
-            sample.attitude_wxyz = unit(sample.attitude_wxyz).ok_or(SkipReason::NoUnitQuaternion)?;
+            let rounded = unit(sample.attitude_wxyz).ok_or(SkipReason::NoUnitQuaternion)?;
+            sample.attitude_wxyz = if self.is_exact { sample.attitude_wxyz } else { rounded };
         }
         let first_ns = self.first_ns.unwrap_or(time_ns);
         let stamp_ns = u64::try_from(time_ns - first_ns).map_err(|_| SkipReason::TimeNotIncreasing)?;
@@ -412,6 +452,26 @@ impl Collector {
         (sample.sequence, sample.stamp_ns) = (self.samples.len() as u64, stamp_ns);
         self.samples.push(sample);
         Ok(())
+    }
+
+    /// A field with a value that is not finite carries no measurement.
+    fn drop_values_not_finite(&mut self, sample: &mut Measurement) {
+        let fields: [(u32, &[f64]); 8] = [
+            (valid::VELOCITY, &sample.velocity_m_s),
+            (valid::ANGULAR_VELOCITY, &sample.angular_velocity_rad_s),
+            (valid::POSITION, &sample.position_m),
+            (valid::ATTITUDE, &sample.attitude_wxyz),
+            (valid::FORCE, &sample.force_n),
+            (valid::TORQUE, &sample.torque_n_m),
+            (valid::OUTPUT, &sample.output),
+            (valid::INPUT, &sample.input),
+        ];
+        let not_finite = fields
+            .into_iter()
+            .filter(|(bit, values)| sample.has(*bit) && !values.iter().all(|value| value.is_finite()))
+            .fold(0, |bits, (bit, _)| bits | bit);
+        sample.valid &= !not_finite;
+        self.values_not_finite += not_finite.count_ones() as usize;
     }
 
     /// Samples after a jump ahead that this one goes back behind were stamped by a clock that erred: without this, all that

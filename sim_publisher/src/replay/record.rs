@@ -1,15 +1,13 @@
 //! The service's own flight record: the samples as they arrived, also those that it rejected.
 
-use super::{Collector, ImportError, Place, RecordedFlight};
+use super::{Collector, ImportError, RecordedFlight};
 use daemon::record::{Entry, Frame, Reader};
-use shared_types::Measurement;
-use shared_types::payload::valid;
 use std::io::Cursor;
 
 pub(super) fn parse(bytes: &[u8], path: &str) -> Result<RecordedFlight, ImportError> {
     let no_record = |found: String| ImportError::NoRecord { path: path.into(), found };
     let mut reader = Reader::new(Cursor::new(bytes));
-    let mut flight = Collector::counted_by(Place::Sample);
+    let mut flight = Collector::of_recording();
     let (mut sessions, mut ticks_left_out, mut n_samples) = (0_u64, 0, 0);
     while let Some(frame) = reader.next_frame().map_err(|error| no_record(error.to_string()))? {
         match frame {
@@ -17,7 +15,6 @@ pub(super) fn parse(bytes: &[u8], path: &str) -> Result<RecordedFlight, ImportEr
             Frame::Entry(entry) => match *entry {
                 Entry::Sample { measurement, .. } => {
                     n_samples += 1;
-                    let measurement = without_values_not_finite(measurement, &mut flight);
                     flight.add(n_samples, i128::from(measurement.stamp_ns), measurement);
                 }
                 Entry::Missing(ticks) => ticks_left_out += ticks,
@@ -40,32 +37,13 @@ pub(super) fn parse(bytes: &[u8], path: &str) -> Result<RecordedFlight, ImportEr
     flight.finish(path, None)
 }
 
-/// As other importers do: a field with a value that is not finite carries no measurement.
-fn without_values_not_finite(mut sample: Measurement, flight: &mut Collector) -> Measurement {
-    let fields: [(u32, &[f64]); 8] = [
-        (valid::VELOCITY, &sample.velocity_m_s),
-        (valid::ANGULAR_VELOCITY, &sample.angular_velocity_rad_s),
-        (valid::POSITION, &sample.position_m),
-        (valid::ATTITUDE, &sample.attitude_wxyz),
-        (valid::FORCE, &sample.force_n),
-        (valid::TORQUE, &sample.torque_n_m),
-        (valid::OUTPUT, &sample.output),
-        (valid::INPUT, &sample.input),
-    ];
-    let not_finite = fields
-        .into_iter()
-        .filter(|(bit, values)| sample.has(*bit) && !values.iter().all(|value| value.is_finite()))
-        .fold(0, |bits, (bit, _)| bits | bit);
-    sample.valid &= !not_finite;
-    flight.values_not_finite += not_finite.count_ones() as usize;
-    sample
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use daemon::config::ConfigFile;
     use daemon::record::{Session, recorder};
+    use shared_types::Measurement;
+    use shared_types::payload::valid;
     use std::sync::atomic::AtomicBool;
 
     /// A record of one session with these samples.
