@@ -9,10 +9,13 @@ use mcap::read::ChannelAccumulator;
 use mcap::records::{MessageHeader, Record};
 use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReader, LinearReaderOptions};
 use mcap::{Channel, McapError, Message, parse_record};
+use prost_reflect::prost::Message as _;
+use prost_reflect::prost_types::{FileDescriptorProto, FileDescriptorSet};
 use prost_reflect::{DescriptorPool, DynamicMessage, MessageDescriptor, ReflectMessage, Value};
 use shared_types::Measurement;
 use shared_types::payload::valid;
 use std::collections::{BTreeMap, BTreeSet};
+use std::panic::catch_unwind;
 
 /// The schema that `monitor record` gives to measurements.
 const SCHEMA: &str = "measurement.Measurement";
@@ -107,10 +110,17 @@ pub fn mcap_topics(bytes: &[u8], name: &str) -> Result<Vec<String>, ImportError>
     Ok(topics.into_iter().map(|((topic, schema), n)| format!("{topic} ({schema}, {n})")).collect())
 }
 
-/// The type of a channel's messages, where it is one of Protocol Buffers.
+/// The type of a channel's messages, where it is one of Protocol Buffers that can be read.
 fn descriptor(channel: &Channel<'_>) -> Option<MessageDescriptor> {
     let schema = channel.schema.as_ref().filter(|_| channel.message_encoding == "protobuf")?;
-    DescriptorPool::decode(&*schema.data).ok()?.get_message_by_name(&schema.name)
+    let files = FileDescriptorSet::decode(&*schema.data).ok()?;
+    // prost-reflect 0.16.5 panics at editions, and at some descriptors that no compiler writes.
+    let is_known = |file: &FileDescriptorProto| matches!(file.syntax(), "" | "proto2" | "proto3");
+    if !files.file.iter().all(is_known) {
+        return None;
+    }
+    let pool = catch_unwind(|| DescriptorPool::from_file_descriptor_set(files)).ok()?.ok()?;
+    pool.get_message_by_name(&schema.name)
 }
 
 fn recording(bytes: &[u8], name: &str, topic: Option<&str>) -> Result<RecordedFlight, ImportError> {
@@ -283,12 +293,15 @@ fn channels(bytes: &[u8], name: &str, map: &CsvMap) -> Result<RecordedFlight, Im
         }
         let Some(fields) = (match channel.message_encoding.as_str() {
             "json" => serde_json::from_slice(&message.data).ok().map(Fields::Json),
-            "protobuf" => descriptors
-                .entry(channel.id)
-                .or_insert_with(|| descriptor(channel))
-                .clone()
-                .and_then(|descriptor| DynamicMessage::decode(descriptor, &*message.data).ok())
-                .map(Fields::Protobuf),
+            "protobuf" => match descriptors.entry(channel.id).or_insert_with(|| descriptor(channel)) {
+                Some(descriptor) => {
+                    DynamicMessage::decode(descriptor.clone(), &*message.data).ok().map(Fields::Protobuf)
+                }
+                None => {
+                    topics.insert(channel.topic.clone(), UNREADABLE.into());
+                    None
+                }
+            },
             _ => None,
         }) else {
             return;
@@ -311,7 +324,9 @@ fn channels(bytes: &[u8], name: &str, map: &CsvMap) -> Result<RecordedFlight, Im
                     format!("--column …={column}: no topic '{topic}'; its topics: {topics}")
                 }
                 Some(encoding) if encoding != "json" && encoding != "protobuf" => {
-                    format!("--column …={column}: its messages are '{encoding}'; needed: json or protobuf")
+                    format!(
+                        "--column …={column}: its messages are '{encoding}'; needed: json or protobuf (proto2, proto3)"
+                    )
                 }
                 Some(_) => format!("--column …={column}: no message has a number at '{path}'"),
             },
@@ -335,6 +350,8 @@ fn channels(bytes: &[u8], name: &str, map: &CsvMap) -> Result<RecordedFlight, Im
     Ok(flight)
 }
 
+/// In place of an encoding.
+const UNREADABLE: &str = "protobuf of an edition, or without a whole descriptor";
 /// Column of the time when a message was logged.
 const TIME: &str = "log_time_ns";
 
@@ -427,6 +444,8 @@ fn told(error: &McapError) -> String {
 mod tests {
     use super::*;
     use mcap::{Compression, WriteOptions};
+    use prost_reflect::prost_types::field_descriptor_proto::{Label, Type};
+    use prost_reflect::prost_types::{DescriptorProto, EnumDescriptorProto, FieldDescriptorProto};
     use std::io::Cursor;
 
     /// JSON messages: topic, time (ns), text.
@@ -491,6 +510,55 @@ mod tests {
         assert!(error.contains("no measurements") && error.contains("/dvl, /other"), "{error}");
         assert!(refused(b"0123456789 garbage", &[]).contains("does not begin as an MCAP file"));
         assert!(refused(b"", &[]).contains("in the middle"));
+    }
+
+    /// A file with one message of a type whose descriptor's file is this one.
+    fn of_type(file: FileDescriptorProto) -> Vec<u8> {
+        let mut bytes = Vec::new();
+        let mut writer = WriteOptions::new().compression(None).create(Cursor::new(&mut bytes)).unwrap();
+        let descriptor = FileDescriptorSet { file: vec![file] }.encode_to_vec();
+        let schema = writer.add_schema("p.Dvl", "protobuf", &descriptor).unwrap();
+        let channel_id = writer.add_channel(schema, "/dvl", "protobuf", &BTreeMap::new()).unwrap();
+        let header = MessageHeader { channel_id, sequence: 0, log_time: 1, publish_time: 1 };
+        // Field 1, a double: 2.5.
+        let message = [&[0x09], &2.5_f64.to_le_bytes()[..]].concat();
+        writer.write_to_known_channel(&header, &message).unwrap();
+        writer.finish().unwrap();
+        drop(writer);
+        bytes
+    }
+
+    #[test]
+    fn types_that_cannot_be_read_are_said_and_end_nothing() {
+        let field = FieldDescriptorProto {
+            name: Some("v".into()),
+            number: Some(1),
+            label: Some(Label::Optional.into()),
+            r#type: Some(Type::Double.into()),
+            ..Default::default()
+        };
+        let dvl = DescriptorProto { name: Some("Dvl".into()), field: vec![field], ..Default::default() };
+        let file = |syntax: &str| FileDescriptorProto {
+            name: Some("p.proto".into()),
+            package: Some("p".into()),
+            syntax: Some(syntax.into()),
+            message_type: vec![dvl.clone()],
+            ..Default::default()
+        };
+        let columns = ["x", "y", "z"].map(|axis| format!("velocity_{axis}=/dvl:v"));
+        let map = map(&columns.each_ref().map(String::as_str));
+        let flight = parse(&of_type(file("proto3")), "file", &map, None).unwrap();
+        assert_eq!(flight.samples[0].velocity_m_s, [2.5; 3]);
+        // The last one is a panic of prost-reflect.
+        let without_values = EnumDescriptorProto { name: Some("E".into()), ..Default::default() };
+        let panics = FileDescriptorProto { enum_type: vec![without_values], ..file("proto3") };
+        for file in [file("editions"), panics] {
+            let error = parse(&of_type(file), "file", &map, None).unwrap_err().to_string();
+            assert!(
+                error.contains("protobuf of an edition") && error.contains("(proto2, proto3)"),
+                "{error}"
+            );
+        }
     }
 
     #[test]
