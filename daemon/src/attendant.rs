@@ -1,6 +1,7 @@
 //! The attendant: everything of the service that is not the loop. It gathers the loop's records, publishes
 //! the status, answers commands and writes the log, on a thread of its own.
 
+use crate::config::Config;
 use crate::cycle::TickRecord;
 use crate::engine::LoopCommand;
 use crate::ports::AttendantPorts;
@@ -46,6 +47,7 @@ pub struct Attendant {
     source_to_publish: Latency,
     start_ns: u64,
     rate_millihertz: u64,
+    dead_zone_width: [f64; 3],
     restored: u64,
     most_late_ticks_in_a_row: u64,
     statuses: u64,
@@ -75,9 +77,9 @@ struct Logged {
 }
 
 impl Attendant {
-    /// An attendant of a loop of `rate_hz` that starts now with what was `restored`, one of
+    /// An attendant of a loop that starts now with this configuration and with what was `restored`, one of
     /// [`shared_types::payload::restored`].
-    pub fn new(ports: AttendantPorts, rings: AttendantRings, rate_hz: f64, restored: u64) -> Self {
+    pub fn new(ports: AttendantPorts, rings: AttendantRings, config: &Config, restored: u64) -> Self {
         Self {
             ports,
             rings,
@@ -87,7 +89,8 @@ impl Attendant {
             input_age: Latency::new(),
             source_to_publish: Latency::new(),
             start_ns: monotonic_ns(),
-            rate_millihertz: (rate_hz * 1e3).round() as u64,
+            rate_millihertz: (config.rate_hz * 1e3).round() as u64,
+            dead_zone_width: config.dead_zone_width(),
             restored,
             most_late_ticks_in_a_row: 0,
             statuses: 0,
@@ -150,6 +153,7 @@ impl Attendant {
             stamp_ns: monotonic_ns(),
             start_stamp_ns: self.start_ns,
             rate_millihertz: self.rate_millihertz,
+            dead_zone_width: self.dead_zone_width,
             newest_sample_age_ns: u64::MAX,
             wake_up_lateness_ns: self.wake_up_lateness.summary(),
             step_ns: self.step.summary(),

@@ -230,13 +230,13 @@ impl Service {
             writer_threads: Vec::new(),
             attendant_thread: None,
         };
-        let rate_hz = config.rate_hz;
+        let told = config.clone();
         let real_time: Arc<OnceLock<Outcome>> = Arc::default();
         let seen = Arc::clone(&real_time);
         let stop = Arc::clone(&service.stop_attendant);
         service.attendant_thread =
             Some(spawn_with("attendant", domain, instance, AttendantPorts::make, move |ports| {
-                Attendant::new(ports, attendant_rings, rate_hz, restored).with_real_time(seen).run(&stop)
+                Attendant::new(ports, attendant_rings, &told, restored).with_real_time(seen).run(&stop)
             })?);
         if let Some(saver) = saver {
             let stop = Arc::clone(&service.stop_writers);

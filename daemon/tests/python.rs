@@ -104,6 +104,7 @@ fn messages() -> Vec<Message> {
             stamp_ns,
             start_stamp_ns,
             rate_millihertz,
+            dead_zone_width,
             ticks,
             deadline_misses,
             samples_accepted,

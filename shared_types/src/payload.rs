@@ -424,8 +424,8 @@ pub mod restored {
 
 /// What the service did since it started.
 #[repr(C)]
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, ZeroCopySend, Serialize, Deserialize)]
-#[type_name("observer.Status.v2")]
+#[derive(Debug, Clone, Copy, Default, PartialEq, ZeroCopySend, Serialize, Deserialize)]
+#[type_name("observer.Status.v3")]
 pub struct Status {
     /// Counts publications from 0.
     pub sequence: u64,
@@ -435,6 +435,9 @@ pub struct Status {
     pub start_stamp_ns: u64,
     /// Configured rate (mHz: 200 Hz is 200 000).
     pub rate_millihertz: u64,
+    /// d, the width of the dead zone of translation (m/s), rotation (rad/s), linear plant (its output's unit): up to
+    /// it an output error is noise, and nothing is learned; 0 where there is no such channel.
+    pub dead_zone_width: [f64; 3],
     /// Ticks served, each with one estimate.
     pub ticks: u64,
     /// Deadlines that passed unserved because a tick ended too late; they were skipped.
@@ -582,8 +585,8 @@ pub mod outcome {
 
 /// The service's answer, with its status after the command.
 #[repr(C)]
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ZeroCopySend)]
-#[type_name("observer.Reply.v2")]
+#[derive(Debug, Clone, Copy, PartialEq, ZeroCopySend)]
+#[type_name("observer.Reply.v3")]
 pub struct Reply {
     /// One of [`outcome`].
     pub outcome: u32,
@@ -654,11 +657,12 @@ const _: () = {
     assert!(offset_of!(Estimate, linear) == 480);
 
     assert!(size_of::<LatencySummary>() == 48);
-    assert!(size_of::<Status>() == 48 * 8 + 4 * 48);
-    assert!(offset_of!(Status, samples_rejected) == 64);
-    assert!(offset_of!(Status, newest_sequence) == 152);
-    assert!(offset_of!(Status, outputs_held_back) == 240);
-    assert!(offset_of!(Status, wake_up_lateness_ns) == 384);
+    assert!(size_of::<Status>() == 51 * 8 + 4 * 48);
+    assert!(offset_of!(Status, dead_zone_width) == 32);
+    assert!(offset_of!(Status, samples_rejected) == 88);
+    assert!(offset_of!(Status, newest_sequence) == 176);
+    assert!(offset_of!(Status, outputs_held_back) == 264);
+    assert!(offset_of!(Status, wake_up_lateness_ns) == 408);
 
     assert!(size_of::<Truth>() == 16 + 25 * 8);
     assert!(offset_of!(Truth, unmatched_torque_n_m) == 192);

@@ -9,8 +9,8 @@ use crate::keys::draw_bottom;
 use crate::model::{Model, Part, Presence, Vector};
 use crate::pictures::{HISTOGRAM_COLUMNS, draw_histogram, draw_trace, range};
 use crate::sections::{
-    LABEL, heading, latency_lines, note_lines, sample_lines, service_lines, state_lines, trust_lines,
-    truth_text, vectors_of, verdict_line,
+    LABEL, TRUST_COLUMNS, heading, latency_lines, note_lines, sample_lines, service_lines, state_lines,
+    trust_lines, truth_text, vectors_of, verdict_line,
 };
 use crate::theme::Theme;
 use crate::words::{Level, Now};
@@ -52,8 +52,6 @@ const WIDE: u16 = 110;
 const WITH_HISTOGRAM: u16 = 180;
 /// Columns of the narrow and the wide latencies, and the space behind.
 const LATENCY_COLUMNS: [u16; 2] = [43, 72];
-/// Columns of the table of trust.
-const TRUST_COLUMNS: u16 = 81;
 /// Columns of a number and the name of its axis.
 const VALUE: u16 = 11;
 
@@ -107,7 +105,7 @@ fn draw_small(frame: &mut Frame<'_>, model: &Model, view: &View, now: Now) {
         .into_iter()
         .chain(notes)
         .chain(state_lines(model, &all))
-        .chain(trust_lines(model, &all, theme))
+        .chain(trust_lines(model, &all, theme, width))
         .chain(sample_lines(model, theme, width, 3));
     for line in lines {
         match line.width() > width {
@@ -280,10 +278,11 @@ fn draw_trust(
     old: Style,
     now: Now,
 ) {
-    for (k, line) in trust_lines(model, &plan.parts, theme).into_iter().enumerate() {
+    let width = usize::from(rows.area.width);
+    for (k, line) in trust_lines(model, &plan.parts, theme, width).into_iter().enumerate() {
         let Some(rect) = rows.next(1) else { return };
         frame.render_widget(line.patch_style(old), rect);
-        let rest = columns(rect, TRUST_COLUMNS + 2, u16::MAX);
+        let rest = columns(rect, TRUST_COLUMNS as u16 + 2, u16::MAX);
         let pictures = [
             (&model.output_errors, "error until now"),
             (&model.activations, "σ until now"),

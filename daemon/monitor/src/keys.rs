@@ -47,6 +47,7 @@ const HELP: &str = "\
  ?  this help; any key closes it     do not fit (body; linear plant)
 
  error      size of the output error: measured minus estimated
+ zone       width of the dead zone: nothing is learned from a smaller error
  bound      what it settles below, if daemon check says so; no covariance
  σ          the dead zone's output; 0: within the noise, nothing learned
  uncovered  0 %: at a center; 100 %: no center knows this motion
@@ -55,7 +56,7 @@ const HELP: &str = "\
  age        of the newest measurement of this channel
 
  learned    the unknown force, torque or input, as found so far
- learns: the dead zone is open    within: the error is within it
+ learns: the error is beyond it   within: it is within the zone
  predicts: no measurement         frozen: by an operator
  Pictures: a second per column, newest at the right; a blank is a gap.
  ↑ ↓ top and bottom of a picture  r p y  roll, pitch, yaw

@@ -276,14 +276,24 @@ impl From<[u64; 3]> for PerChannel {
     }
 }
 
+/// A size for each channel, in the unit of its output.
+#[derive(Debug, Clone, Copy, PartialEq, Encode)]
+#[allow(missing_docs)] // their names
+pub struct WidthPerChannel {
+    pub translation: f64,
+    pub rotation: f64,
+    pub linear: f64,
+}
+
 /// [`payload::Status`], with what was granted in words.
-#[derive(Debug, Clone, PartialEq, Eq, Encode)]
+#[derive(Debug, Clone, PartialEq, Encode)]
 #[allow(missing_docs)] // the payload's
 pub struct Status {
     pub sequence: u64,
     pub stamp_ns: u64,
     pub start_stamp_ns: u64,
     pub rate_millihertz: u64,
+    pub dead_zone_width: WidthPerChannel,
     pub ticks: u64,
     pub deadline_misses: u64,
     pub samples_accepted: u64,
@@ -324,11 +334,13 @@ impl From<&payload::Status> for Status {
     fn from(status: &payload::Status) -> Self {
         let rejected = |reason| status.rejected(reason);
         use payload::Rejection as R;
+        let [translation, rotation, linear] = status.dead_zone_width;
         Self {
             sequence: status.sequence,
             stamp_ns: status.stamp_ns,
             start_stamp_ns: status.start_stamp_ns,
             rate_millihertz: status.rate_millihertz,
+            dead_zone_width: WidthPerChannel { translation, rotation, linear },
             ticks: status.ticks,
             deadline_misses: status.deadline_misses,
             samples_accepted: status.samples_accepted,

@@ -9,6 +9,8 @@ use shared_types::payload::{LatencySummary, real_time, restored, status_bits};
 
 /// Columns of a section's labels.
 pub const LABEL: usize = 14;
+/// Columns of the whole table of trust.
+pub const TRUST_COLUMNS: usize = 88;
 
 /// Left and right text in one line, the right one only where there is room.
 pub fn both_sides(left: &str, right: &str, width: usize) -> String {
@@ -133,18 +135,25 @@ pub fn state_lines(model: &Model, parts: &[Part]) -> Vec<Line<'static>> {
     lines
 }
 
-/// How far each channel can be trusted: a heading, and a line each.
-pub fn trust_lines(model: &Model, parts: &[Part], theme: Theme) -> Vec<Line<'static>> {
+/// How far each channel can be trusted: a heading, and a line each. In a narrow view one of the last two numbers has to
+/// give way: the solver's error where the solver is exact, the norm where it is not.
+pub fn trust_lines(model: &Model, parts: &[Part], theme: Theme, width: usize) -> Vec<Line<'static>> {
     let units: Vec<_> = parts.iter().filter_map(|part| part.unit()).collect();
+    let channels = model.estimate.iter().flat_map(|estimate| parts.iter().map(|part| part.channel(estimate)));
+    let is_exact = channels.into_iter().all(|channel| channel.solver_error == 0.0);
+    let is_wide = width >= TRUST_COLUMNS;
+    let with_norm = |column: String| if is_wide || is_exact { column } else { String::new() };
+    let with_solver = |column: String| if is_wide || !is_exact { column } else { String::new() };
     let heading = format!(
-        "{:<w$}{:>8}{:>8}{:>8}{:>10}{:>8}{:>8}{:>7}",
+        "{:<w$}{:>8}{:>8}{:>8}{:>8}{:>10}{}{}{:>7}",
         format!(" TRUST {}", units.join(", ")),
         "error",
+        "zone",
         "bound",
         "σ",
         "uncovered",
-        "norm",
-        "solver",
+        with_norm(format!("{:>8}", "norm")),
+        with_solver(format!("{:>8}", "solver")),
         "age",
         w = LABEL + 9
     );
@@ -159,19 +168,23 @@ pub fn trust_lines(model: &Model, parts: &[Part], theme: Theme) -> Vec<Line<'sta
             () if channel.activation > 0.0 => ("learns", Level::Good),
             () => ("within", Level::Good),
         };
-        // The dead zone tells what is learned from; the error of a channel that coasts is unknown.
+        let zone =
+            model.status.map_or("–".into(), |status| magnitude(status.dead_zone_width[part as usize]));
+        // The error of a channel that coasts is unknown.
         let known = |text: String| if coasts { "–".into() } else { text };
+        let solver =
+            if channel.solver_error == 0.0 { "exact".into() } else { magnitude(channel.solver_error) };
         lines.push(Line::from(vec![
             Span::raw(format!(" {:<w$}", part.name(), w = LABEL - 1)),
             Span::styled(format!("{does:<9}"), theme.word(level)),
             Span::raw(format!(
-                "{:>8}{:>8}{:>8}{:>10}{:>8}{:>8}{:>7}",
+                "{:>8}{zone:>8}{:>8}{:>8}{:>10}{}{}{:>7}",
                 known(magnitude(channel.output_error)),
                 known(magnitude(channel.error_bound)),
                 magnitude(channel.activation),
                 known(format!("{:.0} %", 100.0 * channel.power_function)),
-                magnitude(channel.native_norm),
-                if channel.solver_error == 0.0 { "exact".into() } else { magnitude(channel.solver_error) },
+                with_norm(format!("{:>8}", magnitude(channel.native_norm))),
+                with_solver(format!("{solver:>8}")),
                 if channel.output_age_s.is_finite() {
                     duration(channel.output_age_s)
                 } else {
@@ -338,7 +351,7 @@ pub fn text(model: &Model, now: Now, width: usize) -> String {
     lines.push(Line::raw(format!(" STATE  {}", truth_text(model, width).unwrap_or_default())));
     lines.extend(state_lines(model, &parts));
     for section in [
-        trust_lines(model, &parts, theme),
+        trust_lines(model, &parts, theme, width),
         sample_lines(model, theme, width, 9),
         latency_lines(model, theme, true),
     ] {

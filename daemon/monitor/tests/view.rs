@@ -89,6 +89,7 @@ fn status(t_s: f64) -> Status {
         stamp_ns: START_NS + (t_s * 1e9) as u64,
         start_stamp_ns: START_NS - 3_600 * S,
         rate_millihertz: 200_000,
+        dead_zone_width: [0.0211, 0.0321, 0.0],
         ticks: 732_000,
         samples_accepted: (t_s * 200.0) as u64,
         samples_lost: 12,
@@ -124,7 +125,7 @@ fn both(t_s: f64) -> Estimate {
     Estimate { translation: body.translation, rotation: body.rotation, ..plant(t_s) }
 }
 
-const ESSENTIAL: [&str; 24] = [
+const ESSENTIAL: [&str; 26] = [
     "vehicle",
     "200 Hz",
     "TRACKING",
@@ -140,6 +141,8 @@ const ESSENTIAL: [&str; 24] = [
     "rotation",
     "learns",
     "0.0123",
+    "0.0211",
+    "0.0321",
     "0.0500",
     "9 %",
     "used 12000 (200/s), lost 12, rejected 3",
@@ -191,6 +194,22 @@ fn a_small_terminal_shows_what_matters_most_and_says_that_there_is_more() {
     assert_shows(&drawn(&model, 100, 20), &["TRUST m/s, rad/s", "learns", "SAMPLES", "80×24 shows all"]);
     assert_shows(&drawn(&model, 30, 6), &["DO NOT FLY ON THIS", "stale:"]);
     assert!(!drawn(&model, 80, 24).contains("shows all"));
+}
+
+#[test]
+fn the_local_solvers_error_takes_the_norms_place_where_there_is_no_room_for_both() {
+    let local = |t_s: f64| {
+        let mut estimate = body(t_s);
+        estimate.translation.solver_error = 0.0777;
+        estimate
+    };
+    let [exact, narrow, wide] = [(heard(body), 80), (heard(local), 80), (heard(local), 88)]
+        .map(|(model, width)| drawn(&model, width, 24));
+    assert_shows(&exact, &["zone", "norm", "3.210"]);
+    assert!(!exact.contains("solver"), "{exact}");
+    assert_shows(&narrow, &["zone", "solver", "0.0777", "exact"]);
+    assert!(!narrow.contains("norm"), "{narrow}");
+    assert_shows(&wide, &["norm", "3.210", "solver", "0.0777"]);
 }
 
 #[test]

@@ -826,6 +826,16 @@ struct Source {
     text: String,
 }
 
+impl Config {
+    /// d of translation (m/s), rotation (rad/s), linear plant (its output's unit); 0 where there is no such channel.
+    pub fn dead_zone_width(&self) -> [f64; 3] {
+        let translation = self.translation.as_ref().map(|translation| translation.dead_zone_width_m_s);
+        let rotation = self.rotation.as_ref().map(|rotation| rotation.dead_zone_width_rad_s);
+        let linear = self.linear.as_ref().map(|linear| linear.dead_zone_width);
+        [translation, rotation, linear].map(Option::unwrap_or_default)
+    }
+}
+
 impl ConfigFile {
     /// A built-in configuration.
     ///

@@ -26,7 +26,7 @@
 #include <stdint.h>
 
 /** Tells the payloads of one version from those of another: for observer_open(). */
-#define OBSERVER_LAYOUT UINT32_C(0xc3f8743a)
+#define OBSERVER_LAYOUT UINT32_C(0x5506a066)
 
 /** Enough for the text of any reply, with its end. */
 #define OBSERVER_REPLY_TEXT_BYTES 249
@@ -481,6 +481,11 @@ typedef struct {
    */
   uint64_t rate_millihertz;
   /**
+   * d, the width of the dead zone of translation (m/s), rotation (rad/s), linear plant (its output's unit): up to
+   * it an output error is noise, and nothing is learned; 0 where there is no such channel.
+   */
+  double dead_zone_width[3];
+  /**
    * Ticks served, each with one estimate.
    */
   uint64_t ticks;
@@ -811,46 +816,47 @@ static_assert(offsetof(observer_latency_summary, p90) == 16, "observer_latency_s
 static_assert(offsetof(observer_latency_summary, p99) == 24, "observer_latency_summary.p99");
 static_assert(offsetof(observer_latency_summary, p999) == 32, "observer_latency_summary.p999");
 static_assert(offsetof(observer_latency_summary, max) == 40, "observer_latency_summary.max");
-static_assert(sizeof(observer_status) == 576, "size of observer_status");
+static_assert(sizeof(observer_status) == 600, "size of observer_status");
 static_assert(offsetof(observer_status, sequence) == 0, "observer_status.sequence");
 static_assert(offsetof(observer_status, stamp_ns) == 8, "observer_status.stamp_ns");
 static_assert(offsetof(observer_status, start_stamp_ns) == 16, "observer_status.start_stamp_ns");
 static_assert(offsetof(observer_status, rate_millihertz) == 24, "observer_status.rate_millihertz");
-static_assert(offsetof(observer_status, ticks) == 32, "observer_status.ticks");
-static_assert(offsetof(observer_status, deadline_misses) == 40, "observer_status.deadline_misses");
-static_assert(offsetof(observer_status, samples_accepted) == 48, "observer_status.samples_accepted");
-static_assert(offsetof(observer_status, samples_lost) == 56, "observer_status.samples_lost");
-static_assert(offsetof(observer_status, samples_rejected) == 64, "observer_status.samples_rejected");
-static_assert(offsetof(observer_status, newest_sequence) == 152, "observer_status.newest_sequence");
-static_assert(offsetof(observer_status, newest_sample_age_ns) == 160, "observer_status.newest_sample_age_ns");
-static_assert(offsetof(observer_status, ticks_coasting) == 168, "observer_status.ticks_coasting");
-static_assert(offsetof(observer_status, ticks_clamped) == 176, "observer_status.ticks_clamped");
-static_assert(offsetof(observer_status, state_resets) == 184, "observer_status.state_resets");
-static_assert(offsetof(observer_status, source_changes) == 192, "observer_status.source_changes");
-static_assert(offsetof(observer_status, source_pid) == 200, "observer_status.source_pid");
-static_assert(offsetof(observer_status, other_source_pid) == 208, "observer_status.other_source_pid");
-static_assert(offsetof(observer_status, commands) == 216, "observer_status.commands");
-static_assert(offsetof(observer_status, records_dropped) == 224, "observer_status.records_dropped");
-static_assert(offsetof(observer_status, adaptation_frozen) == 232, "observer_status.adaptation_frozen");
-static_assert(offsetof(observer_status, outputs_held_back) == 240, "observer_status.outputs_held_back");
-static_assert(offsetof(observer_status, outputs_stuck) == 264, "observer_status.outputs_stuck");
-static_assert(offsetof(observer_status, late_ticks_in_a_row) == 288, "observer_status.late_ticks_in_a_row");
-static_assert(offsetof(observer_status, most_late_ticks_in_a_row) == 296, "observer_status.most_late_ticks_in_a_row");
-static_assert(offsetof(observer_status, ticks_predict_only) == 304, "observer_status.ticks_predict_only");
-static_assert(offsetof(observer_status, ticks_invalid) == 312, "observer_status.ticks_invalid");
-static_assert(offsetof(observer_status, real_time_requested) == 320, "observer_status.real_time_requested");
-static_assert(offsetof(observer_status, real_time_granted) == 328, "observer_status.real_time_granted");
-static_assert(offsetof(observer_status, snapshot_restored) == 336, "observer_status.snapshot_restored");
-static_assert(offsetof(observer_status, snapshots_saved) == 344, "observer_status.snapshots_saved");
-static_assert(offsetof(observer_status, snapshots_failed) == 352, "observer_status.snapshots_failed");
-static_assert(offsetof(observer_status, snapshot_stamp_ns) == 360, "observer_status.snapshot_stamp_ns");
-static_assert(offsetof(observer_status, ticks_recorded) == 368, "observer_status.ticks_recorded");
-static_assert(offsetof(observer_status, ticks_not_recorded) == 376, "observer_status.ticks_not_recorded");
-static_assert(offsetof(observer_status, wake_up_lateness_ns) == 384, "observer_status.wake_up_lateness_ns");
-static_assert(offsetof(observer_status, step_ns) == 432, "observer_status.step_ns");
-static_assert(offsetof(observer_status, input_age_ns) == 480, "observer_status.input_age_ns");
-static_assert(offsetof(observer_status, source_to_publish_ns) == 528, "observer_status.source_to_publish_ns");
-static_assert(sizeof(observer_reply) == 832, "size of observer_reply");
+static_assert(offsetof(observer_status, dead_zone_width) == 32, "observer_status.dead_zone_width");
+static_assert(offsetof(observer_status, ticks) == 56, "observer_status.ticks");
+static_assert(offsetof(observer_status, deadline_misses) == 64, "observer_status.deadline_misses");
+static_assert(offsetof(observer_status, samples_accepted) == 72, "observer_status.samples_accepted");
+static_assert(offsetof(observer_status, samples_lost) == 80, "observer_status.samples_lost");
+static_assert(offsetof(observer_status, samples_rejected) == 88, "observer_status.samples_rejected");
+static_assert(offsetof(observer_status, newest_sequence) == 176, "observer_status.newest_sequence");
+static_assert(offsetof(observer_status, newest_sample_age_ns) == 184, "observer_status.newest_sample_age_ns");
+static_assert(offsetof(observer_status, ticks_coasting) == 192, "observer_status.ticks_coasting");
+static_assert(offsetof(observer_status, ticks_clamped) == 200, "observer_status.ticks_clamped");
+static_assert(offsetof(observer_status, state_resets) == 208, "observer_status.state_resets");
+static_assert(offsetof(observer_status, source_changes) == 216, "observer_status.source_changes");
+static_assert(offsetof(observer_status, source_pid) == 224, "observer_status.source_pid");
+static_assert(offsetof(observer_status, other_source_pid) == 232, "observer_status.other_source_pid");
+static_assert(offsetof(observer_status, commands) == 240, "observer_status.commands");
+static_assert(offsetof(observer_status, records_dropped) == 248, "observer_status.records_dropped");
+static_assert(offsetof(observer_status, adaptation_frozen) == 256, "observer_status.adaptation_frozen");
+static_assert(offsetof(observer_status, outputs_held_back) == 264, "observer_status.outputs_held_back");
+static_assert(offsetof(observer_status, outputs_stuck) == 288, "observer_status.outputs_stuck");
+static_assert(offsetof(observer_status, late_ticks_in_a_row) == 312, "observer_status.late_ticks_in_a_row");
+static_assert(offsetof(observer_status, most_late_ticks_in_a_row) == 320, "observer_status.most_late_ticks_in_a_row");
+static_assert(offsetof(observer_status, ticks_predict_only) == 328, "observer_status.ticks_predict_only");
+static_assert(offsetof(observer_status, ticks_invalid) == 336, "observer_status.ticks_invalid");
+static_assert(offsetof(observer_status, real_time_requested) == 344, "observer_status.real_time_requested");
+static_assert(offsetof(observer_status, real_time_granted) == 352, "observer_status.real_time_granted");
+static_assert(offsetof(observer_status, snapshot_restored) == 360, "observer_status.snapshot_restored");
+static_assert(offsetof(observer_status, snapshots_saved) == 368, "observer_status.snapshots_saved");
+static_assert(offsetof(observer_status, snapshots_failed) == 376, "observer_status.snapshots_failed");
+static_assert(offsetof(observer_status, snapshot_stamp_ns) == 384, "observer_status.snapshot_stamp_ns");
+static_assert(offsetof(observer_status, ticks_recorded) == 392, "observer_status.ticks_recorded");
+static_assert(offsetof(observer_status, ticks_not_recorded) == 400, "observer_status.ticks_not_recorded");
+static_assert(offsetof(observer_status, wake_up_lateness_ns) == 408, "observer_status.wake_up_lateness_ns");
+static_assert(offsetof(observer_status, step_ns) == 456, "observer_status.step_ns");
+static_assert(offsetof(observer_status, input_age_ns) == 504, "observer_status.input_age_ns");
+static_assert(offsetof(observer_status, source_to_publish_ns) == 552, "observer_status.source_to_publish_ns");
+static_assert(sizeof(observer_reply) == 856, "size of observer_reply");
 static_assert(offsetof(observer_reply, outcome) == 0, "observer_reply.outcome");
 static_assert(offsetof(observer_reply, message_bytes) == 4, "observer_reply.message_bytes");
 static_assert(offsetof(observer_reply, message) == 8, "observer_reply.message");

@@ -43,8 +43,8 @@ layouts! {
     }
     "observer_latency_summary" = LatencySummary { count, p50, p90, p99, p999, max }
     "observer_status" = Status {
-        sequence, stamp_ns, start_stamp_ns, rate_millihertz, ticks, deadline_misses, samples_accepted, samples_lost,
-        samples_rejected, newest_sequence, newest_sample_age_ns, ticks_coasting, ticks_clamped, state_resets,
+        sequence, stamp_ns, start_stamp_ns, rate_millihertz, dead_zone_width, ticks, deadline_misses,
+        samples_accepted, samples_lost, samples_rejected, newest_sequence, newest_sample_age_ns, ticks_coasting, ticks_clamped, state_resets,
         source_changes, source_pid, other_source_pid, commands, records_dropped, adaptation_frozen, outputs_held_back,
         outputs_stuck, late_ticks_in_a_row, most_late_ticks_in_a_row, ticks_predict_only, ticks_invalid,
         real_time_requested, real_time_granted, snapshot_restored, snapshots_saved, snapshots_failed,

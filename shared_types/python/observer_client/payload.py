@@ -438,7 +438,7 @@ class LatencySummary(Structure):
 class Status(StatusStructure):
     """What the service did since it started."""
 
-    TYPE_NAME = "observer.Status.v2"
+    TYPE_NAME = "observer.Status.v3"
 
     # Counts publications from 0.
     sequence: int
@@ -451,6 +451,10 @@ class Status(StatusStructure):
 
     # Configured rate (mHz: 200 Hz is 200 000).
     rate_millihertz: int
+
+    # d, the width of the dead zone of translation (m/s), rotation (rad/s), linear plant (its output's unit):
+    # up to it an output error is noise, and nothing is learned; 0 where there is no such channel.
+    dead_zone_width: ctypes.Array
 
     # Ticks served, each with one estimate.
     ticks: int
@@ -560,6 +564,7 @@ class Status(StatusStructure):
         ("stamp_ns", ctypes.c_uint64),
         ("start_stamp_ns", ctypes.c_uint64),
         ("rate_millihertz", ctypes.c_uint64),
+        ("dead_zone_width", array(ctypes.c_double, 3)),
         ("ticks", ctypes.c_uint64),
         ("deadline_misses", ctypes.c_uint64),
         ("samples_accepted", ctypes.c_uint64),
@@ -666,7 +671,7 @@ class Command(Structure):
 class Reply(ReplyStructure):
     """The service's answer, with its status after the command."""
 
-    TYPE_NAME = "observer.Reply.v2"
+    TYPE_NAME = "observer.Reply.v3"
 
     # One of `outcome`.
     outcome: int
