@@ -31,7 +31,7 @@ pub(crate) struct OwnDomain {
 
 impl OwnDomain {
     /// A domain whose files in /dev/shm begin with `bench` and this process's id: what a killed one leaves there
-    /// tells whose it was.
+    /// tells whose it was. Not longer: root path and segments' prefix have 60 bytes together ([`Domain::at`]).
     pub(crate) fn new() -> anyhow::Result<Self> {
         let prefix = format!("bench{}-", std::process::id());
         let root = tempfile::Builder::new().prefix(&prefix).tempdir_in("/dev/shm");

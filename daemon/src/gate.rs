@@ -11,11 +11,11 @@ use shared_types::payload::{Rejection, frame, valid};
 /// Where samples are the clock, one that jumps further ahead starts a new time, if its source may (s).
 const LONGEST_JUMP_S: f64 = 60.0;
 /// A sequence further ahead than this is no gap but a damaged number.
-const LARGEST_GAP: u64 = 1_000_000;
+pub const LARGEST_GAP: u64 = 1_000_000;
 /// Sources that were replaced and must not take the stream back while it flows.
 const REPLACED: usize = 8;
 /// A unit quaternion's norm may be off by this much: single precision and a little more.
-const QUATERNION_NORM_TOLERANCE: f64 = 1e-3;
+pub const QUATERNION_NORM_TOLERANCE: f64 = 1e-3;
 
 /// A sample to be used.
 #[derive(Debug, Clone, Copy, PartialEq)]

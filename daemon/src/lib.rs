@@ -230,13 +230,15 @@ impl Service {
             writer_threads: Vec::new(),
             attendant_thread: None,
         };
-        let told = config.clone();
+        let config_of_status = config.clone();
         let real_time: Arc<OnceLock<Outcome>> = Arc::default();
         let seen = Arc::clone(&real_time);
         let stop = Arc::clone(&service.stop_attendant);
         service.attendant_thread =
             Some(spawn_with("attendant", domain, instance, AttendantPorts::make, move |ports| {
-                Attendant::new(ports, attendant_rings, &told, restored).with_real_time(seen).run(&stop)
+                Attendant::new(ports, attendant_rings, &config_of_status, restored)
+                    .with_real_time(seen)
+                    .run(&stop)
             })?);
         if let Some(saver) = saver {
             let stop = Arc::clone(&service.stop_writers);

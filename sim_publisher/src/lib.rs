@@ -17,7 +17,7 @@
 //! | [`cli`] | the program |
 //!
 //! Nothing here uses the observer's model or integrator, so that the two cannot flatter each other: of the service's
-//! crate only the reader of its flight records.
+//! crate only the reader of its flight records, and what its gate lets pass.
 //!
 //! ```
 //! use sim_publisher::{Scenario, Simulation, SimulationOptions};

@@ -55,7 +55,8 @@ pub fn run_and_leave_nothing(arguments: &[&str]) -> Output {
     let child = bench(arguments).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
     let pid = child.id();
     let output = child.wait_with_output().unwrap();
-    assert_eq!(shared_memory_of(pid), Vec::<PathBuf>::new());
+    let left = shared_memory_of(pid);
+    assert!(left.is_empty(), "{left:?}; {}", text(&output.stderr));
     output
 }
 

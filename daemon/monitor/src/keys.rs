@@ -52,11 +52,12 @@ const HELP: &str = "\
  σ          the dead zone's output; 0: within the noise, nothing learned
  uncovered  0 %: at a center; 100 %: no center knows this motion
  norm       of the learned function in its native space
- solver     error of the learned force by the local solver, estimated
+ solver     its estimated error in the learned force; below 88 columns in the
+            place of norm where the solver is not exact
  age        of the newest measurement of this channel
 
  learned    the unknown force, torque or input, as found so far
- learns: the error is beyond it   within: it is within the zone
+ learns: the error is beyond the zone     within: it is not
  predicts: no measurement         frozen: by an operator
  Pictures: a second per column, newest at the right; a blank is a gap.
  ↑ ↓ top and bottom of a picture  r p y  roll, pitch, yaw

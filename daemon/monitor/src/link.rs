@@ -58,7 +58,7 @@ pub enum News {
     },
 }
 
-/// Says on stderr when estimates stay away, each reason once, and when they come again.
+/// Says on stderr that and why estimates stay away, whenever the reason changes, and when they come again.
 #[derive(Debug, Default)]
 pub struct Announcer {
     why_away: Option<String>,

@@ -152,6 +152,16 @@ pub struct Config {
     pub linear: Option<LinearConfig>,
 }
 
+impl Config {
+    /// d of translation (m/s), rotation (rad/s), linear plant (its output's unit); 0 where there is no such channel.
+    pub fn dead_zone_width(&self) -> [f64; 3] {
+        let translation = self.translation.as_ref().map(|translation| translation.dead_zone_width_m_s);
+        let rotation = self.rotation.as_ref().map(|rotation| rotation.dead_zone_width_rad_s);
+        let linear = self.linear.as_ref().map(|linear| linear.dead_zone_width);
+        [translation, rotation, linear].map(Option::unwrap_or_default)
+    }
+}
+
 /// The state before the first sample; what is missing is taken from the first measurement of it.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
@@ -824,16 +834,6 @@ pub struct ConfigFile {
 struct Source {
     name: String,
     text: String,
-}
-
-impl Config {
-    /// d of translation (m/s), rotation (rad/s), linear plant (its output's unit); 0 where there is no such channel.
-    pub fn dead_zone_width(&self) -> [f64; 3] {
-        let translation = self.translation.as_ref().map(|translation| translation.dead_zone_width_m_s);
-        let rotation = self.rotation.as_ref().map(|rotation| rotation.dead_zone_width_rad_s);
-        let linear = self.linear.as_ref().map(|linear| linear.dead_zone_width);
-        [translation, rotation, linear].map(Option::unwrap_or_default)
-    }
 }
 
 impl ConfigFile {

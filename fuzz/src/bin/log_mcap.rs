@@ -4,14 +4,8 @@
 
 use libfuzzer_sys::fuzz_target;
 use sim_publisher::{CsvMap, Format, Import, parse_flight};
-use std::sync::Once;
-
-/// The importer catches panics of prost-reflect, at which libFuzzer's hook would end the process. It ends it
-/// at those that nobody catches, too.
-static QUIET: Once = Once::new();
 
 fuzz_target!(|bytes: &[u8]| {
-    QUIET.call_once(|| std::panic::set_hook(Box::new(|_| {})));
     let column = |axis: &str| Some(format!("/a:v.{axis}"));
     let named = CsvMap {
         velocity_x: column("x"),

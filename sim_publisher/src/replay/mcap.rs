@@ -1,10 +1,11 @@
-//! MCAP files: the measurements of `monitor record`, to the bit; and channels of others, where the map of columns says
-//! `KEY=/topic:path.to.field`.
+//! MCAP files: the measurements of `monitor record`, to the bit, without those that the service's gate refuses for their
+//! values; and channels of others, where the map of columns says `KEY=/topic:path.to.field`.
 //!
 //! Messages are read by the names in the file's own schema, so that a recording of another version is understood as far as
 //! the names are the same. A file without its end, of a recorder that was killed, is read up to there.
 
 use super::{Collector, CsvMap, ImportError, RecordedFlight, SkipReason, TimeUnit, table};
+use daemon::gate::LARGEST_GAP;
 use mcap::read::ChannelAccumulator;
 use mcap::records::{MessageHeader, Record};
 use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReader, LinearReaderOptions};
@@ -15,7 +16,6 @@ use prost_reflect::{DescriptorPool, DynamicMessage, MessageDescriptor, ReflectMe
 use shared_types::Measurement;
 use shared_types::payload::valid;
 use std::collections::{BTreeMap, BTreeSet};
-use std::panic::catch_unwind;
 
 /// The schema that `monitor record` gives to measurements.
 const SCHEMA: &str = "measurement.Measurement";
@@ -25,7 +25,7 @@ const LONGEST_RECORD: usize = 1 << 26;
 /// The flight of the columns that the map names, else the measurements of `topic`, or of the only one.
 ///
 /// # Errors
-/// `Mcap` where the file is none, or has no such topic or field; `Map`; `NoUsableRow`.
+/// `Mcap` where the file is none, or has no such topic or field; `Map`; `Option`; `NoUsableRow`.
 pub(super) fn parse(
     bytes: &[u8],
     name: &str,
@@ -114,17 +114,17 @@ pub fn mcap_topics(bytes: &[u8], name: &str) -> Result<Vec<String>, ImportError>
 fn descriptor(channel: &Channel<'_>) -> Option<MessageDescriptor> {
     let schema = channel.schema.as_ref().filter(|_| channel.message_encoding == "protobuf")?;
     let files = FileDescriptorSet::decode(&*schema.data).ok()?;
-    // prost-reflect 0.16.5 panics at editions, and at some descriptors that no compiler writes.
-    let is_known = |file: &FileDescriptorProto| matches!(file.syntax(), "" | "proto2" | "proto3");
+    // prost-reflect 0.16.5 panics at others, of which editions are the common ones.
+    let is_known =
+        |file: &FileDescriptorProto| matches!(file.syntax.as_deref(), None | Some("proto2" | "proto3"));
     if !files.file.iter().all(is_known) {
         return None;
     }
-    let pool = catch_unwind(|| DescriptorPool::from_file_descriptor_set(files)).ok()?.ok()?;
-    pool.get_message_by_name(&schema.name)
+    DescriptorPool::from_file_descriptor_set(files).ok()?.get_message_by_name(&schema.name)
 }
 
 fn recording(bytes: &[u8], name: &str, topic: Option<&str>) -> Result<RecordedFlight, ImportError> {
-    let mut others = BTreeSet::new();
+    let (mut others, mut unreadable) = (BTreeSet::new(), None);
     let mut descriptors: BTreeMap<u16, Option<MessageDescriptor>> = BTreeMap::new();
     let mut flights: BTreeMap<String, Flight> = BTreeMap::new();
     let end = each(bytes, name, |line, message| {
@@ -134,14 +134,17 @@ fn recording(bytes: &[u8], name: &str, topic: Option<&str>) -> Result<RecordedFl
             others.insert(channel.topic.clone());
             return;
         }
-        let sample = descriptors
-            .entry(channel.id)
-            .or_insert_with(|| descriptor(channel))
-            .clone()
-            .and_then(|descriptor| DynamicMessage::decode(descriptor, &*message.data).ok())
-            .and_then(|message| measurement(&message));
+        let Some(descriptor) = descriptors.entry(channel.id).or_insert_with(|| descriptor(channel)) else {
+            unreadable = Some(channel.topic.clone());
+            return;
+        };
+        let sample = DynamicMessage::decode(descriptor.clone(), &*message.data).ok();
+        let sample = sample.and_then(|message| measurement(&message));
         flights.entry(channel.topic.clone()).or_insert_with(Flight::new).add(line, sample);
     })?;
+    if let Some(topic) = unreadable {
+        return Err(wrong(name, format!("{topic}: its messages are '{UNREADABLE}'; {READABLE}")));
+    }
     let list = |topics: Vec<&str>| match topics.is_empty() {
         true => "none".to_owned(),
         false => topics.join(", "),
@@ -196,9 +199,10 @@ impl Flight {
             self.first_sequence = sample.sequence;
         }
         if let Some(added) = self.collector.samples.last_mut() {
-            // Losses stay losses, where the source has not begun again.
-            let next = previous.map_or(0, |previous| previous.saturating_add(1));
-            added.sequence = sample.sequence.saturating_sub(self.first_sequence).max(next);
+            // Losses stay losses, where the source has not begun again and the number is not damaged.
+            let next = previous.map_or(0, |previous| previous + 1);
+            let since_first = sample.sequence.saturating_sub(self.first_sequence).max(next);
+            added.sequence = if since_first - next > LARGEST_GAP { next } else { since_first };
         }
     }
 }
@@ -324,9 +328,7 @@ fn channels(bytes: &[u8], name: &str, map: &CsvMap) -> Result<RecordedFlight, Im
                     format!("--column …={column}: no topic '{topic}'; its topics: {topics}")
                 }
                 Some(encoding) if encoding != "json" && encoding != "protobuf" => {
-                    format!(
-                        "--column …={column}: its messages are '{encoding}'; needed: json or protobuf (proto2, proto3)"
-                    )
+                    format!("--column …={column}: its messages are '{encoding}'; {READABLE}")
                 }
                 Some(_) => format!("--column …={column}: no message has a number at '{path}'"),
             },
@@ -352,6 +354,7 @@ fn channels(bytes: &[u8], name: &str, map: &CsvMap) -> Result<RecordedFlight, Im
 
 /// In place of an encoding.
 const UNREADABLE: &str = "protobuf of an edition, or without a whole descriptor";
+const READABLE: &str = "needed: json or protobuf (proto2, proto3)";
 /// Column of the time when a message was logged.
 const TIME: &str = "log_time_ns";
 
@@ -549,16 +552,26 @@ mod tests {
         let map = map(&columns.each_ref().map(String::as_str));
         let flight = parse(&of_type(file("proto3")), "file", &map, None).unwrap();
         assert_eq!(flight.samples[0].velocity_m_s, [2.5; 3]);
-        // The last one is a panic of prost-reflect.
         let without_values = EnumDescriptorProto { name: Some("E".into()), ..Default::default() };
-        let panics = FileDescriptorProto { enum_type: vec![without_values], ..file("proto3") };
-        for file in [file("editions"), panics] {
+        let refused = FileDescriptorProto { enum_type: vec![without_values], ..file("proto3") };
+        for file in [file("editions"), file("proto6"), file(""), refused] {
             let error = parse(&of_type(file), "file", &map, None).unwrap_err().to_string();
             assert!(
                 error.contains("protobuf of an edition") && error.contains("(proto2, proto3)"),
                 "{error}"
             );
         }
+    }
+
+    #[test]
+    fn damaged_sequences_are_no_losses() {
+        let mut flight = Flight::new();
+        for (ns, sequence) in (0..).zip([7, 9, u64::MAX, 10, 11]) {
+            let sample = Measurement::at(ns, sequence).with_velocity_m_s([0.0; 3]);
+            flight.add(ns, Some(sample));
+        }
+        let sequences: Vec<_> = flight.collector.samples.iter().map(|sample| sample.sequence).collect();
+        assert_eq!(sequences, [0, 2, 3, 4, 5]);
     }
 
     #[test]

@@ -13,6 +13,7 @@ pub use mcap::mcap_topics;
 pub use table::{CsvMap, MapError, TimeUnit, VelocityAxes, column_names, write_table};
 pub use ulog::{UlogContents, UlogScales, ulog_contents};
 
+use daemon::gate::QUATERNION_NORM_TOLERANCE;
 use shared_types::payload::valid;
 use shared_types::{Measurement, logln};
 use std::fmt;
@@ -385,7 +386,7 @@ pub fn say_findings(flight: &RecordedFlight, file: &str) {
 /// A recorded flight from the bytes of its file; `name` stands for that in messages.
 ///
 /// # Errors
-/// As [`read_flight`], without `Io` and `Option`.
+/// As [`read_flight`], without `Io`.
 pub fn parse_flight(
     format: Format,
     bytes: &[u8],
@@ -410,7 +411,7 @@ struct Collector {
     values_not_finite: usize,
     first_ns: Option<i128>,
     remarks: Vec<String>,
-    /// Attitudes stay as they are: they are no rounded ones.
+    /// Samples stay as they are, or are left out whole, as the service's gate did: its own are no rounded ones.
     is_exact: bool,
 }
 
@@ -434,13 +435,21 @@ impl Collector {
     }
 
     fn place(&mut self, line: u64, time_ns: i128, mut sample: Measurement) -> Result<(), SkipReason> {
-        self.drop_values_not_finite(&mut sample);
+        if self.is_exact && !is_finite(&sample) {
+            return Err(SkipReason::NotANumber);
+        }
         if sample.valid == 0 {
             return Err(SkipReason::NothingMeasured);
         }
         if sample.has(valid::ATTITUDE) {
-            let rounded = unit(sample.attitude_wxyz).ok_or(SkipReason::NoUnitQuaternion)?;
-            sample.attitude_wxyz = if self.is_exact { sample.attitude_wxyz } else { rounded };
+            let unit = unit(sample.attitude_wxyz).ok_or(SkipReason::NoUnitQuaternion)?;
+            match self.is_exact {
+                true if norm_error(sample.attitude_wxyz) > QUATERNION_NORM_TOLERANCE => {
+                    return Err(SkipReason::NoUnitQuaternion);
+                }
+                true => {}
+                false => sample.attitude_wxyz = unit,
+            }
         }
         let first_ns = self.first_ns.unwrap_or(time_ns);
         let stamp_ns = u64::try_from(time_ns - first_ns).map_err(|_| SkipReason::TimeNotIncreasing)?;
@@ -452,26 +461,6 @@ impl Collector {
         (sample.sequence, sample.stamp_ns) = (self.samples.len() as u64, stamp_ns);
         self.samples.push(sample);
         Ok(())
-    }
-
-    /// A field with a value that is not finite carries no measurement.
-    fn drop_values_not_finite(&mut self, sample: &mut Measurement) {
-        let fields: [(u32, &[f64]); 8] = [
-            (valid::VELOCITY, &sample.velocity_m_s),
-            (valid::ANGULAR_VELOCITY, &sample.angular_velocity_rad_s),
-            (valid::POSITION, &sample.position_m),
-            (valid::ATTITUDE, &sample.attitude_wxyz),
-            (valid::FORCE, &sample.force_n),
-            (valid::TORQUE, &sample.torque_n_m),
-            (valid::OUTPUT, &sample.output),
-            (valid::INPUT, &sample.input),
-        ];
-        let not_finite = fields
-            .into_iter()
-            .filter(|(bit, values)| sample.has(*bit) && !values.iter().all(|value| value.is_finite()))
-            .fold(0, |bits, (bit, _)| bits | bit);
-        sample.valid &= !not_finite;
-        self.values_not_finite += not_finite.count_ones() as usize;
     }
 
     /// Samples after a jump ahead that this one goes back behind were stamped by a clock that erred: without this, all that
@@ -501,6 +490,26 @@ impl Collector {
         }
         Ok(RecordedFlight { samples, skipped, values_not_finite, airborne, remarks })
     }
+}
+
+/// Whether all values that are measured are finite.
+fn is_finite(sample: &Measurement) -> bool {
+    let fields: [(u32, &[f64]); 8] = [
+        (valid::VELOCITY, &sample.velocity_m_s),
+        (valid::ANGULAR_VELOCITY, &sample.angular_velocity_rad_s),
+        (valid::POSITION, &sample.position_m),
+        (valid::ATTITUDE, &sample.attitude_wxyz),
+        (valid::FORCE, &sample.force_n),
+        (valid::TORQUE, &sample.torque_n_m),
+        (valid::OUTPUT, &sample.output),
+        (valid::INPUT, &sample.input),
+    ];
+    fields.iter().all(|(bit, values)| !sample.has(*bit) || values.iter().all(|value| value.is_finite()))
+}
+
+/// |‖q‖ − 1|.
+fn norm_error(wxyz: [f64; 4]) -> f64 {
+    (wxyz.iter().map(|x| x * x).sum::<f64>().sqrt() - 1.0).abs()
 }
 
 /// The quaternion of unit norm, where it is one within 5 %: logs round their values. One of unit norm stays as it is.
@@ -559,6 +568,26 @@ mod tests {
         let of = |reason| flight.skipped.for_reason(reason);
         assert_eq!((of(SkipReason::TimeAhead), of(SkipReason::TimeNotIncreasing)), (2, 2));
         assert!((0..).zip(&flight.samples).all(|(sequence, sample)| sample.sequence == sequence));
+    }
+
+    #[test]
+    fn what_the_service_would_not_take_is_left_out_of_its_recordings() {
+        let sample = |wxyz: [f64; 4]| Measurement::default().with_attitude_wxyz(wxyz);
+        let nan = sample([1.0, 0.0, 0.0, 0.0]).with_velocity_m_s([f64::NAN, 0.0, 0.0]);
+        let [close, off] = [[0.6, 0.0, 0.8004, 0.0], [0.6, 0.0, 0.83, 0.0]];
+        let mut recording = Collector::of_recording();
+        let mut log = Collector::default();
+        for (line, sample) in (0..).zip([nan, sample(close), sample(off)]) {
+            recording.add(line, i128::from(line), sample);
+            log.add(line, i128::from(line), sample);
+        }
+        let recording = recording.finish("f", None).unwrap();
+        assert_eq!(recording.samples.len(), 1);
+        assert_eq!(recording.samples[0].attitude_wxyz, close);
+        assert_eq!(recording.skipped.for_reason(SkipReason::NotANumber), 1);
+        assert_eq!(recording.skipped.for_reason(SkipReason::NoUnitQuaternion), 1);
+        let of_log = log.finish("f", None).unwrap().samples;
+        assert!(of_log[1..].iter().all(|sample| norm_error(sample.attitude_wxyz) < 1e-15), "{of_log:?}");
     }
 
     #[test]
