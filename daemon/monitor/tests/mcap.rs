@@ -337,7 +337,7 @@ fn a_public_reader_finds_in_a_recording_what_was_published() {
         let heard = &statuses[&status["sequence"].as_u64().unwrap()];
         assert_eq!(status["samples_accepted"], heard.samples_accepted);
         assert_eq!(status["step_ns"]["p99"], heard.step_ns.p99);
-        assert_eq!(status["dead_zone_width"]["translation"], heard.dead_zone_width[0]);
+        assert_eq!(status["dead_zone_width"]["translation"], heard.dead_zone_width[0].to_bits());
         assert_eq!(status["samples_rejected"]["older_stamp"], heard.samples_rejected[4]);
     }
     // The file says how its times were made of the stamps, and what is missing.
