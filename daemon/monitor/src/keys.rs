@@ -52,8 +52,8 @@ const HELP: &str = "\
  σ          the dead zone's output; 0: within the noise, nothing learned
  uncovered  0 %: at a center; 100 %: no center knows this motion
  norm       of the learned function in its native space
- solver     its estimated error in the learned force; below 88 columns in the
-            place of norm where the solver is not exact
+ solver     its estimated error in the learned force; below 88 columns in
+            the place of norm, where the solver is not exact
  age        of the newest measurement of this channel
 
  learned    the unknown force, torque or input, as found so far
