@@ -208,6 +208,21 @@ impl Measurement {
         self
     }
 
+    /// Whether every value that is measured is a finite number.
+    pub fn is_finite(&self) -> bool {
+        let fields: [(u32, &[f64]); 8] = [
+            (valid::VELOCITY, &self.velocity_m_s),
+            (valid::ANGULAR_VELOCITY, &self.angular_velocity_rad_s),
+            (valid::POSITION, &self.position_m),
+            (valid::ATTITUDE, &self.attitude_wxyz),
+            (valid::FORCE, &self.force_n),
+            (valid::TORQUE, &self.torque_n_m),
+            (valid::OUTPUT, &self.output),
+            (valid::INPUT, &self.input),
+        ];
+        fields.iter().all(|(bit, values)| !self.has(*bit) || values.iter().all(|value| value.is_finite()))
+    }
+
     /// Whether all the given bits of [`valid`] are set.
     pub fn has(&self, bits: u32) -> bool {
         self.valid & bits == bits

@@ -139,8 +139,9 @@ pub fn state_lines(model: &Model, parts: &[Part]) -> Vec<Line<'static>> {
 /// give way: the solver's error where the solver is exact, the norm where it is not.
 pub fn trust_lines(model: &Model, parts: &[Part], theme: Theme, width: usize) -> Vec<Line<'static>> {
     let units: Vec<_> = parts.iter().filter_map(|part| part.unit()).collect();
-    let channels = model.estimate.iter().flat_map(|estimate| parts.iter().map(|part| part.channel(estimate)));
-    let is_exact = channels.into_iter().all(|channel| channel.solver_error == 0.0);
+    let mut channels =
+        model.estimate.iter().flat_map(|estimate| parts.iter().map(|part| part.channel(estimate)));
+    let is_exact = channels.all(|channel| channel.solver_error == 0.0);
     let is_wide = width >= TRUST_COLUMNS;
     let with_norm = |column: String| if is_wide || is_exact { column } else { String::new() };
     let with_solver = |column: String| if is_wide || !is_exact { column } else { String::new() };

@@ -6,7 +6,7 @@
 //! # Source
 //! Public repository andrealaffly/ACSL-flightstack-accessories, Flight_Data
 
-use super::{Collector, ImportError, RecordedFlight, SkipReason, parse_ns, unit};
+use super::{Collector, ImportError, ROUNDED_NORM_TOLERANCE, RecordedFlight, SkipReason, parse_ns, unit};
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 use shared_types::Measurement;
 use std::ops::Range;
@@ -115,7 +115,7 @@ fn read_row(
 
 fn sample_of(numbers: &[f64; COLUMNS.len()]) -> Result<(f64, Measurement), SkipReason> {
     let [px, py, pz, q0, q1, q2, q3, vx, vy, vz, wx, wy, wz, u1, u2, u3, u4] = *numbers;
-    let [w, x, y, z] = unit([q0, q1, q2, q3]).ok_or(SkipReason::NoUnitQuaternion)?;
+    let [w, x, y, z] = unit([q0, q1, q2, q3], ROUNDED_NORM_TOLERANCE).ok_or(SkipReason::NoUnitQuaternion)?;
     let rotation = UnitQuaternion::new_unchecked(Quaternion::new(w, x, y, z));
     let sample = Measurement::default()
         .with_velocity_m_s([vx, vy, vz])

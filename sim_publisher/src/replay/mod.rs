@@ -435,20 +435,17 @@ impl Collector {
     }
 
     fn place(&mut self, line: u64, time_ns: i128, mut sample: Measurement) -> Result<(), SkipReason> {
-        if self.is_exact && !is_finite(&sample) {
+        if self.is_exact && !sample.is_finite() {
             return Err(SkipReason::NotANumber);
         }
         if sample.valid == 0 {
             return Err(SkipReason::NothingMeasured);
         }
         if sample.has(valid::ATTITUDE) {
-            let unit = unit(sample.attitude_wxyz).ok_or(SkipReason::NoUnitQuaternion)?;
-            match self.is_exact {
-                true if norm_error(sample.attitude_wxyz) > QUATERNION_NORM_TOLERANCE => {
-                    return Err(SkipReason::NoUnitQuaternion);
-                }
-                true => {}
-                false => sample.attitude_wxyz = unit,
+            let tolerance = if self.is_exact { QUATERNION_NORM_TOLERANCE } else { ROUNDED_NORM_TOLERANCE };
+            let unit = unit(sample.attitude_wxyz, tolerance).ok_or(SkipReason::NoUnitQuaternion)?;
+            if !self.is_exact {
+                sample.attitude_wxyz = unit;
             }
         }
         let first_ns = self.first_ns.unwrap_or(time_ns);
@@ -492,33 +489,16 @@ impl Collector {
     }
 }
 
-/// Whether all values that are measured are finite.
-fn is_finite(sample: &Measurement) -> bool {
-    let fields: [(u32, &[f64]); 8] = [
-        (valid::VELOCITY, &sample.velocity_m_s),
-        (valid::ANGULAR_VELOCITY, &sample.angular_velocity_rad_s),
-        (valid::POSITION, &sample.position_m),
-        (valid::ATTITUDE, &sample.attitude_wxyz),
-        (valid::FORCE, &sample.force_n),
-        (valid::TORQUE, &sample.torque_n_m),
-        (valid::OUTPUT, &sample.output),
-        (valid::INPUT, &sample.input),
-    ];
-    fields.iter().all(|(bit, values)| !sample.has(*bit) || values.iter().all(|value| value.is_finite()))
-}
+/// Logs round their values.
+const ROUNDED_NORM_TOLERANCE: f64 = 0.05;
 
-/// |‖q‖ − 1|.
-fn norm_error(wxyz: [f64; 4]) -> f64 {
-    (wxyz.iter().map(|x| x * x).sum::<f64>().sqrt() - 1.0).abs()
-}
-
-/// The quaternion of unit norm, where it is one within 5 %: logs round their values. One of unit norm stays as it is.
-fn unit(wxyz: [f64; 4]) -> Option<[f64; 4]> {
+/// The quaternion of unit norm, where it is one within the tolerance. One of unit norm stays as it is.
+fn unit(wxyz: [f64; 4], tolerance: f64) -> Option<[f64; 4]> {
     let norm = wxyz.iter().map(|x| x * x).sum::<f64>().sqrt();
     if (norm - 1.0).abs() < 1e-9 {
         return Some(wxyz);
     }
-    ((norm - 1.0).abs() < 0.05).then(|| wxyz.map(|x| x / norm))
+    ((norm - 1.0).abs() < tolerance).then(|| wxyz.map(|x| x / norm))
 }
 
 /// A time as nanoseconds, exactly where it is written as a decimal: a double cannot hold today's date in ns.
@@ -587,7 +567,8 @@ mod tests {
         assert_eq!(recording.skipped.for_reason(SkipReason::NotANumber), 1);
         assert_eq!(recording.skipped.for_reason(SkipReason::NoUnitQuaternion), 1);
         let of_log = log.finish("f", None).unwrap().samples;
-        assert!(of_log[1..].iter().all(|sample| norm_error(sample.attitude_wxyz) < 1e-15), "{of_log:?}");
+        let norm_squared = |sample: &Measurement| sample.attitude_wxyz.iter().map(|x| x * x).sum::<f64>();
+        assert!(of_log[1..].iter().all(|sample| (norm_squared(sample) - 1.0).abs() < 1e-15), "{of_log:?}");
     }
 
     #[test]

@@ -1,4 +1,5 @@
-//! The service's own flight record: the samples as they arrived, also those that it rejected.
+//! The service's own flight record: the samples as they arrived, also those that it rejected for their
+//! time or source.
 
 use super::{Collector, ImportError, RecordedFlight};
 use daemon::record::{Entry, Frame, Reader};
