@@ -77,7 +77,7 @@ fn through_engine(file: &ConfigFile, arrivals: &Arrivals, tick_hz: f64) -> u64 {
     while arrivals.peek().is_some() {
         let wake_ns = START_NS + tick * period_ns + tick % 7 * 11_000;
         // A busy machine, now and then.
-        let late = if tick % 1000 > 985 { tick % 1000 - 985 } else { 0 };
+        let late = (tick % 1000).saturating_sub(985);
         engine.begin(wake_ns, late);
         while let Some((_, source, measurement)) = arrivals.next_if(|(at_ns, ..)| *at_ns <= wake_ns) {
             engine.take(measurement, *source);
