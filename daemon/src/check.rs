@@ -298,9 +298,6 @@ impl ChannelCheck {
         let (block, predicted_error) = match &report.solver {
             SolverInUse::Dense => (None, None),
             SolverInUse::Local { block, predicted_error } => (Some(block.clone()), Some(predicted_error)),
-            SolverInUse::Neighbours { n_neighbours, predicted_error } => {
-                (Some(vec![*n_neighbours]), Some(predicted_error))
-            }
         };
         let numbers = json!({
             "noise_bound": report.bounds.noise,

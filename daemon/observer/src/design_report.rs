@@ -217,7 +217,7 @@ impl DesignReport {
         let part = law.observable_part();
         let lure = part.lure_pair();
         let space = function.space();
-        let sup_power_function = function.sup_power_function();
+        let sup_power_function = space.sup_power_function();
         let certificate = lure.as_ref().ok().map(|pair| {
             Certificate::new(
                 (pair.lambda_min, pair.pl_norm),

@@ -189,8 +189,9 @@ impl<const M: usize> LatticeFunction<M> {
         let m = centers.dimension();
         options.check(m)?;
         let Some(lattice) = centers.lattice_box() else {
-            let found = "a local solver for listed centers".into();
-            return Err(DesignError::new(Parameter::Solver, found, "a lattice, or the dense solver"));
+            let found = format!("the local solver for {} listed centers", centers.n_centers());
+            let needed = "centers on a lattice, or the dense solver, which takes any (solver = \"dense\")";
+            return Err(DesignError::new(Parameter::Solver, found, needed));
         };
         let scaled = ScaledKernel::new(kernel, length_scale, m)?;
         let mut axes = [Axis::SINGLE; 3];

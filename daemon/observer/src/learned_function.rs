@@ -3,8 +3,7 @@
 
 use crate::dense_function::DenseFunction;
 use crate::lattice_function::LatticeFunction;
-use crate::scattered_function::ScatteredFunction;
-use crate::{Centers, DesignError, Kernel, LengthScale, NativeSpace, Solver, SolverInUse, Supremum};
+use crate::{Centers, DesignError, Kernel, LengthScale, NativeSpace, Solver, SolverInUse};
 use nalgebra::SVector;
 
 /// f̂ at a point.
@@ -35,7 +34,6 @@ pub struct LearnedFunction<const M: usize>(Kind<M>);
 enum Kind<const M: usize> {
     Dense(Box<DenseFunction<M>>),
     Lattice(Box<LatticeFunction<M>>),
-    Scattered(Box<ScatteredFunction<M>>),
 }
 
 /// The same call for each kind.
@@ -44,7 +42,6 @@ macro_rules! each {
         match $function {
             Kind::Dense($inner) => $call,
             Kind::Lattice($inner) => $call,
-            Kind::Scattered($inner) => $call,
         }
     };
 }
@@ -64,10 +61,6 @@ impl<const M: usize> LearnedFunction<M> {
             None => {
                 let space = NativeSpace::new(kernel, length_scale, centers.clone(), nugget)?;
                 Ok(Self(Kind::Dense(Box::new(DenseFunction::zero(space)))))
-            }
-            Some(options) if centers.lattice_box().is_none() => {
-                let function = ScatteredFunction::zero((kernel, length_scale), centers, nugget, &options)?;
-                Ok(Self(Kind::Scattered(Box::new(function))))
             }
             Some(options) => {
                 let function = LatticeFunction::zero((kernel, length_scale), centers, nugget, &options)?;
@@ -164,7 +157,7 @@ impl<const M: usize> LearnedFunction<M> {
     pub(crate) fn weights(&self) -> &[Vec<f64>] {
         match &self.0 {
             Kind::Dense(function) => function.weights(),
-            Kind::Lattice(_) | Kind::Scattered(_) => &[],
+            Kind::Lattice(_) => &[],
         }
     }
 
@@ -174,28 +167,6 @@ impl<const M: usize> LearnedFunction<M> {
             Kind::Dense(_) => SolverInUse::Dense,
             Kind::Lattice(function) => {
                 SolverInUse::Local { block: function.block(), predicted_error: function.predicted_error() }
-            }
-            Kind::Scattered(function) => SolverInUse::Neighbours {
-                n_neighbours: function.n_neighbours(),
-                predicted_error: function.predicted_error(),
-            },
-        }
-    }
-
-    /// sup P_N over the box of the centers, or a bound: of a lattice's local solver that of a block, of listed centers
-    /// √κ(0), as nothing is known between them.
-    pub fn sup_power_function(&self) -> Supremum {
-        let space = self.space();
-        match &self.0 {
-            Kind::Dense(_) | Kind::Lattice(_) => space.sup_power_function(),
-            Kind::Scattered(_) => {
-                let largest = space.value_at_zero().sqrt();
-                Supremum {
-                    value: largest,
-                    at: space.bounding_box().0.to_vec(),
-                    upper_bound: largest,
-                    evaluations: 0,
-                }
             }
         }
     }
@@ -254,21 +225,6 @@ pub(crate) mod tests {
         Centers::lattice(vec![-2.0; m], vec![2.0; m], per_axis).unwrap()
     }
 
-    /// Anywhere in the box, but not too close to each other.
-    fn scattered(n: usize, m: usize, least_distance: f64) -> Centers {
-        let mut numbers = Numbers(77);
-        let mut points: Vec<Vec<f64>> = Vec::new();
-        while points.len() < n {
-            let point = numbers.point(2.0, m);
-            let distance =
-                |other: &Vec<f64>| other.iter().zip(&point).map(|(a, b)| (a - b).powi(2)).sum::<f64>().sqrt();
-            if points.iter().all(|other| distance(other) > least_distance) {
-                points.push(point);
-            }
-        }
-        Centers::listed(points).unwrap()
-    }
-
     /// Where the outputs of a history come from: anywhere, along a path, or around one place.
     fn output(kind: usize, j: usize, m: usize, numbers: &mut Numbers) -> Vec<f64> {
         match kind {
@@ -281,9 +237,7 @@ pub(crate) mod tests {
     fn predicted_error(function: &LearnedFunction<3>) -> f64 {
         match function.solver() {
             SolverInUse::Dense => 0.0,
-            SolverInUse::Local { predicted_error, .. } | SolverInUse::Neighbours { predicted_error, .. } => {
-                predicted_error
-            }
+            SolverInUse::Local { predicted_error, .. } => predicted_error,
         }
     }
 
@@ -316,10 +270,6 @@ pub(crate) mod tests {
             (Kernel::WendlandC2, wendland(20, 4.0), lattice(&[20; 2]), 6, 5e-3),
             (matern(1), LengthScale::Isotropic(0.3), lattice(&[60]), 4, 2e-2),
             (Kernel::WendlandC2, wendland(60, 5.0), lattice(&[60]), 6, 5e-3),
-            (matern(3), one.clone(), scattered(600, 3, 0.25), 4, 2e-2),
-            (Kernel::WendlandC2, LengthScale::Isotropic(2.0), scattered(600, 3, 0.25), 4, 5e-2),
-            (matern(2), one.clone(), scattered(300, 2, 0.12), 6, 2e-2),
-            (matern(1), LengthScale::Isotropic(0.3), scattered(60, 1, 0.02), 8, 2e-2),
         ];
         let mut numbers = Numbers(seed);
         for (kernel, length_scale, centers, points, largest_rms) in cases {
@@ -406,8 +356,6 @@ pub(crate) mod tests {
             (3, function(matern(3), &LengthScale::Isotropic(0.3), &lattice(&[9; 3]), truncated), 1e-3),
             (2, function(matern(2), &scale, &lattice(&[12, 9]), block_of(4)), 0.0),
             (1, function(matern(1), &scale, &lattice(&[30]), block_of(6)), 0.0),
-            (3, function(matern(3), &scale, &scattered(200, 3, 0.2), block_of(4)), 0.0),
-            (2, function(Kernel::WendlandC2, &scale, &scattered(100, 2, 0.1), block_of(4)), 0.0),
         ]
     }
 

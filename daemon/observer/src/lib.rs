@@ -93,7 +93,6 @@ mod plausibility;
 mod position;
 mod reference_law;
 mod rigid_body;
-mod scattered_function;
 mod solver;
 pub mod stability;
 mod timeline;
@@ -122,7 +121,7 @@ pub use rigid_body::{
     GyroscopicTorque, InitialState, RigidBodyEstimate, RigidBodyObserver, RigidBodyState, RotationDesign,
     Sample, TranslationDesign, Velocity,
 };
-pub use solver::{DENSE_UP_TO, DENSE_UP_TO_LISTED, LocalSolver, Solver, SolverInUse};
+pub use solver::{DENSE_UP_TO, LocalSolver, Solver, SolverInUse};
 pub use timeline::ChannelReport;
 
 /// The parameter of a design that cannot be used.

@@ -326,7 +326,7 @@ impl LinearObserver {
                 (spectral_norm(&part.c), pair.p_norm),
                 design.bounds,
                 &design.dead_zone,
-                sup_if_needed(&design.bounds, || function.sup_power_function()),
+                sup_if_needed(&design.bounds, || function.space().sup_power_function()),
             )
         });
         let law = Law::new(

@@ -495,7 +495,7 @@ where
     Body<K>: crate::timeline::Plant<3, State = BodyState<K>>,
 {
     let Channel { law, integrator } = Channel::new(design)?;
-    let cover = sup_if_needed(&design.bounds, || law.function().sup_power_function());
+    let cover = sup_if_needed(&design.bounds, || law.function().space().sup_power_function());
     let certificate = Some(Certificate::with_cover(design, cover));
     let initial = BodyState { rate: initial_rate.unwrap_or_default(), pose: initial_pose };
     let body = Body::new(integrator, known_force, initial_rate);

@@ -7,11 +7,10 @@ use crate::{Centers, DesignError, Parameter};
 pub enum Solver {
     /// Exact: every step reads the whole triangular factor, 4 N² bytes; of a lattice of three axes N²/2.
     Dense,
-    /// From the centers around the output, with an error estimate for every evaluation: a cost that hardly grows
-    /// with N.
+    /// From the lattice points around the output, with an error estimate for every evaluation: a cost that hardly
+    /// grows with N. For lattices of one to three axes.
     Local(LocalSolver),
-    /// Dense up to [`DENSE_UP_TO`] centers (a lattice) or [`DENSE_UP_TO_LISTED`] (listed ones), local beyond. Where
-    /// there is no local one, dense.
+    /// Dense up to [`DENSE_UP_TO`] centers, local beyond; dense for more than three outputs, which have no local solver.
     Auto(LocalSolver),
 }
 
@@ -34,10 +33,8 @@ impl Default for LocalSolver {
     }
 }
 
-/// Up to so many centers of a lattice `Solver::Auto` is exact.
+/// Up to this many centers, `Solver::Auto` is exact.
 pub const DENSE_UP_TO: usize = 2000;
-/// Up to so many listed centers `Solver::Auto` is exact.
-pub const DENSE_UP_TO_LISTED: usize = 3000;
 
 /// How f̂ is computed, as decided.
 #[derive(Debug, Clone, PartialEq)]
@@ -49,13 +46,6 @@ pub enum SolverInUse {
         /// Points along each axis.
         block: Vec<usize>,
         /// RMS of the error over that of f̂ that is predicted for random histories of updates.
-        predicted_error: f64,
-    },
-    /// From the nearest of listed centers.
-    Neighbours {
-        /// How many.
-        n_neighbours: usize,
-        /// As of a lattice: three times what is found at a sample of places.
         predicted_error: f64,
     },
 }
@@ -72,10 +62,6 @@ impl std::fmt::Display for SolverInUse {
                     points.join("×")
                 )
             }
-            Self::Neighbours { n_neighbours, predicted_error } => write!(
-                f,
-                "local, from the {n_neighbours} nearest centers; error about {predicted_error:.1e} of f̂ (RMS, random updates)"
-            ),
         }
     }
 }
@@ -87,10 +73,7 @@ impl Solver {
             Self::Dense => None,
             Self::Local(options) => Some(options),
             Self::Auto(options) => {
-                let dense_up_to =
-                    if centers.lattice_box().is_some() { DENSE_UP_TO } else { DENSE_UP_TO_LISTED };
-                let is_large = centers.n_centers() > dense_up_to;
-                (is_large && centers.dimension() <= 3).then_some(options)
+                (centers.n_centers() > DENSE_UP_TO && centers.dimension() <= 3).then_some(options)
             }
         }
     }
