@@ -65,63 +65,39 @@
 //! # Ok::<(), DesignError>(())
 //! ```
 
-mod attitude;
-mod body;
-mod box_search;
-mod centers;
-mod certificate;
-mod channel;
-mod cholesky;
-mod dead_zone;
-mod dense_function;
-mod design_report;
-mod kernel;
-mod lanes;
-mod lattice_block;
-mod lattice_function;
+mod function;
+mod innovation_gate;
 mod law;
-mod learned_function;
-mod linear;
-mod linear_algebra;
-mod lyapunov;
-mod mirror;
-mod mirrored_factor;
-mod native_function;
-mod native_space;
-mod packed_factor;
-mod plausibility;
-mod position;
-mod reference_law;
+mod linear_observer;
+mod plant;
+mod report;
 mod rigid_body;
-mod solver;
-pub mod stability;
+mod space;
 mod timeline;
 
-pub use box_search::Supremum;
-pub use centers::{Centers, LatticeBox};
-pub use certificate::Certificate;
-pub use channel::{Channel, ChannelDesign, DisturbanceBounds, Integrator, Segment};
-pub use dead_zone::{DeadZone, DeadZoneShape};
-pub use design_report::{DesignReport, Finding, LengthScaleEffect, Verdict, length_scale_effect};
-pub use kernel::{Kernel, RadialFunction};
-pub use lanes::vector_unit;
-pub use law::{Law, Learning};
-pub use learned_function::{Evaluation, LearnedFunction};
-pub use linear::{
+pub use function::learned::{Evaluation, LearnedFunction};
+pub use function::solver::{DENSE_UP_TO, LocalSolver, Solver, SolverInUse};
+pub use innovation_gate::{Doubt, Plausibility};
+pub use law::channel::{Channel, ChannelDesign, DisturbanceBounds, Integrator, Segment};
+pub use law::dead_zone::{DeadZone, DeadZoneShape};
+pub use law::gradient::{Law, Learning};
+pub use law::stability;
+pub use linear_observer::{
     LinearDesign, LinearEstimate, LinearObserver, LinearObserverState, LinearOutput, LinearState,
     MAX_OUTPUTS, MAX_STATES,
 };
-pub use linear_algebra::LurePair;
-pub use lyapunov::{LyapunovFunction, LyapunovRate};
-pub use native_function::NativeFunction;
-pub use native_space::{FeatureBuffers, LengthScale, NativeSpace, ScaledKernel};
-pub use plausibility::{Doubt, Plausibility};
-pub use reference_law::{ReferenceLaw, ReferenceStep};
+pub use report::box_search::Supremum;
+pub use report::certificate::Certificate;
+pub use report::design_report::{DesignReport, Finding, LengthScaleEffect, Verdict, length_scale_effect};
+pub use report::linear_algebra::LurePair;
 pub use rigid_body::{
     GyroscopicTorque, InitialState, RigidBodyEstimate, RigidBodyObserver, RigidBodyState, RotationDesign,
     Sample, TranslationDesign, Velocity,
 };
-pub use solver::{DENSE_UP_TO, LocalSolver, Solver, SolverInUse};
+pub use space::centers::{Centers, LatticeBox};
+pub use space::factors::lanes::vector_unit;
+pub use space::kernel::{Kernel, RadialFunction};
+pub use space::native_space::{FeatureBuffers, LengthScale, NativeSpace, ScaledKernel};
 pub use timeline::ChannelReport;
 
 /// The parameter of a design that cannot be used.

@@ -1,11 +1,11 @@
 //! The rigid body: a translation channel and a rotation channel, with position and attitude.
 
-use crate::attitude::Attitude;
-use crate::body::{Body, BodyState, KnownForce};
-use crate::certificate::{Certificate, sup_if_needed};
-use crate::law::Law;
-use crate::plausibility::Plausibility;
-use crate::position::Position;
+use crate::innovation_gate::Plausibility;
+use crate::law::gradient::Law;
+use crate::plant::attitude::Attitude;
+use crate::plant::body::{Body, BodyState, KnownForce};
+use crate::plant::position::Position;
+use crate::report::certificate::{Certificate, sup_if_needed};
 use crate::timeline::{ChannelReport, ChannelState, Measured, Timeline};
 use crate::{Channel, ChannelDesign, DesignError, Parameter};
 use nalgebra::{UnitQuaternion, Vector3};

@@ -8,10 +8,10 @@
 //! The weights' update belongs to the next sample, whose stamp tells how long the output was held; until
 //! then it is carried along as a pending increment.
 
-use crate::certificate::Certificate;
-use crate::law::{KeptOutput, Law, Learning};
-use crate::learned_function::Evaluation;
-use crate::plausibility::{Doubt, ErrorScale, Plausibility};
+use crate::function::learned::Evaluation;
+use crate::innovation_gate::{Doubt, ErrorScale, Plausibility};
+use crate::law::gradient::{KeptOutput, Law, Learning};
+use crate::report::certificate::Certificate;
 use nalgebra::SVector;
 use serde::{Deserialize, Serialize};
 

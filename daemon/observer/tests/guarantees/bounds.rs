@@ -1,5 +1,6 @@
 //! E₀ and d_N: where they are exact, where they hold, and where they do not.
 
+use crate::native_function::NativeFunction;
 use crate::{NOISE_BOUND, Random, channel, dynamic, full_inertia, isotropic, space_of, zone};
 use nalgebra::{DMatrix, DVector, Matrix2, Vector2, Vector3};
 use observer::*;
@@ -286,11 +287,11 @@ fn truth_with_residual(space: &NativeSpace, residual_norm: f64) -> Truth {
     let worst = Vector3::from_column_slice(&space.sup_power_function().at);
     let direction = [0.6, 0.0, 0.8];
     let adjoint = NativeFunction::evaluation_adjoint(space.kernel().clone(), worst.as_slice(), &direction);
-    let residual = adjoint.minus(&space.function(&space.projection(&adjoint)));
+    let residual = adjoint.minus(&NativeFunction::projected(space, &adjoint));
     let residual = residual.transformed(&dynamic(&isotropic(residual_norm / residual.norm())));
     let mut random = Random(3);
     let values = random.matrix(space.n_centers(), 3);
-    let in_space = space.function(&space.weights_of_nodal_values(&(2.0 * values)));
+    let in_space = NativeFunction::of(space, &space.weights_of_nodal_values(&(2.0 * values)));
     let none = NativeFunction::zero(space.kernel().clone(), 3);
     Truth { f: in_space.minus(&none.minus(&residual)), residual, worst }
 }

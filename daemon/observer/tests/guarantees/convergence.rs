@@ -1,5 +1,7 @@
 //! The law on N centers against the law in H.
 
+use crate::native_function::{NativeFunction, projection};
+use crate::reference_law::ReferenceLaw;
 use crate::{Random, channel, full_inertia, full_rate, isotropic, zone};
 use nalgebra::{DMatrix, DVector, Matrix1, Vector1, Vector3};
 use observer::*;
@@ -47,7 +49,7 @@ fn the_law_on_centers_is_the_projection_of_the_law_in_the_native_space() {
     for shape in [DeadZoneShape::Saturated, DeadZoneShape::Quadratic, DeadZoneShape::Step] {
         let Pair { space, weights, reference } = learn_side_by_side(shape);
         let size = reference.norm();
-        for (ours, projected) in weights.iter().zip(space.projection(&reference)) {
+        for (ours, projected) in weights.iter().zip(projection(&space, &reference)) {
             for (a, b) in ours.iter().zip(&projected) {
                 assert!((a - b).abs() < 1e-11 * size, "{shape:?}: {a} {b}");
             }
@@ -59,8 +61,8 @@ fn the_law_on_centers_is_the_projection_of_the_law_in_the_native_space() {
 #[test]
 fn the_power_function_bounds_what_the_centers_lose() {
     let Pair { space, weights, reference } = learn_side_by_side(DeadZoneShape::Saturated);
-    let ours = space.function(&weights);
-    let lost = reference.minus(&space.function(&space.projection(&reference))).norm();
+    let ours = NativeFunction::of(&space, &weights);
+    let lost = reference.minus(&NativeFunction::projected(&space, &reference)).norm();
     assert!(lost > 0.1 * reference.norm(), "there is something to lose: {lost}");
     let mut random = Random(11);
     let mut largest = 0.0_f64;

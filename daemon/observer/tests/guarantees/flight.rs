@@ -1,8 +1,10 @@
 //! A body that is told where to go, on a force that the observer must learn.
 
+use crate::lyapunov_function::LyapunovFunction;
+use crate::native_function::NativeFunction;
 use crate::{NOISE_BOUND, dynamic};
 use nalgebra::{DMatrix, Vector3};
-use observer::{Channel, ChannelDesign, LyapunovFunction, NativeFunction, NativeSpace};
+use observer::{Channel, ChannelDesign, NativeSpace};
 
 /// What is true and what is estimated at one sample, before the law has used it.
 pub(crate) struct Instant<'a> {
@@ -82,7 +84,7 @@ pub(crate) fn function_error(
         .zip(weights)
         .map(|(truth, theta)| truth.iter().zip(theta).map(|(a, b)| a - b).collect())
         .collect();
-    space.function(&difference)
+    NativeFunction::of(space, &difference)
 }
 
 /// Of a rigid body's channel: A = 0, B = M⁻¹, C = I, L = λI, hence P = M.

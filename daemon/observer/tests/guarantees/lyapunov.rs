@@ -1,6 +1,7 @@
 //! V and V_σ along the law's own samples.
 
 use crate::flight::{fly, function_error, lyapunov_function, papers_force, papers_noise};
+use crate::native_function::NativeFunction;
 use crate::{NOISE_BOUND, channel, full_inertia, full_rate, isotropic, space_of, vector, zone};
 use nalgebra::Vector3;
 use observer::{ChannelDesign, DeadZoneShape};
@@ -38,21 +39,27 @@ fn a_step_of_the_law_changes_v_by_the_sum_of_its_terms() {
         let worst_difference = |h_s: f64| {
             let mut before: Option<(f64, f64)> = None;
             let (mut worst, mut largest_terms) = (0.0_f64, [0.0_f64; 4]);
-            fly(&design, &space.function(&truth), papers_noise(8.0), (h_s, (1.0 / h_s) as usize), |at| {
-                let f_error = function_error(&space, &truth, at.weights);
-                let (error, output, noise) = (vector(&at.error), vector(&at.output), vector(&at.noise));
-                let now = v.value(&error, &f_error);
-                if let Some((value, rate)) = before {
-                    worst = worst.max(((now - value) / h_s - rate).abs());
-                }
-                let rate = v.rate(&error, &f_error, &output, &noise, at.activation);
-                for (largest, term) in
-                    largest_terms.iter_mut().zip([rate.decay, rate.noise, rate.dead_zone, rate.dropped])
-                {
-                    *largest = largest.max(term.abs());
-                }
-                before = Some((now, rate.sum()));
-            });
+            fly(
+                &design,
+                &NativeFunction::of(&space, &truth),
+                papers_noise(8.0),
+                (h_s, (1.0 / h_s) as usize),
+                |at| {
+                    let f_error = function_error(&space, &truth, at.weights);
+                    let (error, output, noise) = (vector(&at.error), vector(&at.output), vector(&at.noise));
+                    let now = v.value(&error, &f_error);
+                    if let Some((value, rate)) = before {
+                        worst = worst.max(((now - value) / h_s - rate).abs());
+                    }
+                    let rate = v.rate(&error, &f_error, &output, &noise, at.activation);
+                    for (largest, term) in
+                        largest_terms.iter_mut().zip([rate.decay, rate.noise, rate.dead_zone, rate.dropped])
+                    {
+                        *largest = largest.max(term.abs());
+                    }
+                    before = Some((now, rate.sum()));
+                },
+            );
             assert!(largest_terms.iter().all(|&term| term > 10.0 * worst), "{worst}: {largest_terms:?}");
             worst
         };
@@ -73,7 +80,7 @@ fn without_noise_v_falls_at_every_sample_outside_of_the_dead_zone() {
         let truth = papers_force(&space);
         let (mut before, mut outside) = (None, 0);
         let (mut slowest_fall, mut risen_inside) = (f64::INFINITY, 0.0);
-        fly(&design, &space.function(&truth), no_noise, (1e-3, 6000), |at| {
+        fly(&design, &NativeFunction::of(&space, &truth), no_noise, (1e-3, 6000), |at| {
             let now = v.value(&vector(&at.error), &function_error(&space, &truth, at.weights));
             match before {
                 Some((value, true)) => {
@@ -101,7 +108,7 @@ fn v_and_v_sigma(
     let (space, v) = (space_of(design), lyapunov_function(design));
     let truth = papers_force(&space);
     let (mut of_v, mut of_v_sigma) = (Changes::default(), Changes::default());
-    fly(design, &space.function(&truth), noise, (h_s, (6.0 / h_s) as usize), |at| {
+    fly(design, &NativeFunction::of(&space, &truth), noise, (h_s, (6.0 / h_s) as usize), |at| {
         let f_error = function_error(&space, &truth, at.weights);
         of_v.note(v.value(&vector(&at.error), &f_error));
         // The error as it is measured; without noise it is e itself.
@@ -156,7 +163,7 @@ fn dropped_term(rate: f64, omega_rad_s: f64) -> Dropped {
     let mut before = None;
     let mut found = Dropped { largest_ratio: 0.0, rms_ratio: 0.0, outside: 0, exceeds_decay: 0, v_rises: 0 };
     let (mut squared_dropped, mut squared_decay) = (0.0, 0.0);
-    fly(&design, &space.function(&truth), papers_noise(omega_rad_s), (2e-3, 15_000), |at| {
+    fly(&design, &NativeFunction::of(&space, &truth), papers_noise(omega_rad_s), (2e-3, 15_000), |at| {
         let f_error = function_error(&space, &truth, at.weights);
         let (error, output, noise) = (vector(&at.error), vector(&at.output), vector(&at.noise));
         let now = v.value(&error, &f_error);

@@ -1,4 +1,12 @@
-//! What the theorems promise, tried on the law itself: where they hold, how sharply, and where they do not.
+//! What the theorems promise, tried on the law itself: where they hold, how sharply, and where they do not; and what
+//! holds for any space and in every step.
+//!
+//! | file | what |
+//! |---|---|
+//! | `native_function`, `reference_law`, `lyapunov_function` | the paper's objects that only tests need: elements of H, the law in H, V and V' |
+//! | `bounds`, `convergence`, `lyapunov` | E₀ and d_N, the convergence of the centers, V along the law's samples |
+//! | `properties`, `reference_tables` | spaces and kernels, on random ones and against mpmath and SciPy |
+//! | `no_allocation` | steps allocate nothing |
 //!
 //! Measured figures are printed: `cargo test -p observer --test guarantees -- --nocapture`.
 
@@ -6,6 +14,12 @@ mod bounds;
 mod convergence;
 mod flight;
 mod lyapunov;
+mod lyapunov_function;
+mod native_function;
+mod no_allocation;
+mod properties;
+mod reference_law;
+mod reference_tables;
 
 use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
 use observer::{

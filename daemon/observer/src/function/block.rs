@@ -1,16 +1,16 @@
 //! A box of lattice points, and one factor for every such box of a lattice.
 //!
 //! A radial kernel does not see where on the lattice a box lies: all boxes of c₁×c₂×c₃ points have the same Gram
-//! matrix. In sums and differences of mirror images it falls apart into eight small ones (see [`crate::mirror`]). The
+//! matrix. In sums and differences of mirror images it falls apart into eight small ones (see [`crate::space::factors::mirror`]). The
 //! points inside of the outermost layer, the *core*, come first: the first entries of R⁻¹u are those of the smaller
 //! box, the last ones say what the outermost layer adds.
 
 use crate::DesignError;
 use crate::Parameter;
-use crate::kernel::RadialFunction;
-use crate::lanes::{VectorLoop, VectorUnit, whole_lanes};
-use crate::mirror::{MirrorImages, sums_and_differences};
-use crate::packed_factor::{PackedFactor, four_products};
+use crate::space::factors::lanes::{VectorLoop, VectorUnit, whole_lanes};
+use crate::space::factors::mirror::{MirrorImages, sums_and_differences};
+use crate::space::factors::packed::{PackedFactor, four_products};
+use crate::space::kernel::RadialFunction;
 use nalgebra::DMatrix;
 use pulp::Simd;
 

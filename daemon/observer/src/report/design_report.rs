@@ -7,15 +7,15 @@
 //! | `A_eᵀP + PA_e = −WᵀW − εP`, `PB = Cᵀ` (Lur'e) | the learning law takes energy out of the error |
 //! | E₀, d_N (see [`Certificate`]) | the size that the error settles below |
 //! | d > d_N | Theorem 2 |
-//! | `h σ φᵀφ` below its bound (see [`crate::stability`]) | the sampled law is stable; ours, the paper is continuous |
+//! | `h σ φᵀφ` below its bound (see [`crate::law::stability`]) | the sampled law is stable; ours, the paper is continuous |
 //!
 //! What is unobservable has no place in the theorems: they are about the observable part, and the rest is
 //! integrated from it. For a body whose velocity is measured that is the position.
 
-use crate::channel::dynamic;
-use crate::learned_function::LearnedFunction;
-use crate::linear::{MAX_OUTPUTS, largest_learning_of_every_step};
-use crate::linear_algebra::{
+use crate::function::learned::LearnedFunction;
+use crate::law::channel::dynamic;
+use crate::linear_observer::{MAX_OUTPUTS, largest_learning_of_every_step};
+use crate::report::linear_algebra::{
     LurePair, complement, eigenvalues, reachable_subspace, spectral_abscissa, spectral_norm,
 };
 use crate::{

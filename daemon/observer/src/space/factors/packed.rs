@@ -1,6 +1,6 @@
 //! A lower triangular matrix in panels, for products at the speed of the memory.
 
-use crate::lanes::{LANES, Lanes, VectorLoop, whole_lanes};
+use crate::space::factors::lanes::{LANES, Lanes, VectorLoop, whole_lanes};
 use nalgebra::DMatrix;
 use pulp::Simd;
 
@@ -228,7 +228,7 @@ pub(crate) fn four_products<S: Simd>(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::lanes::VectorUnit;
+    use crate::space::factors::lanes::VectorUnit;
 
     #[test]
     fn the_product_is_that_of_the_triangle() {

@@ -1,4 +1,4 @@
-//! The factor of the Gram matrix of a whole lattice, in sums and differences of mirror images (see [`crate::mirror`]).
+//! The factor of the Gram matrix of a whole lattice, in sums and differences of mirror images (see [`crate::space::factors::mirror`]).
 //!
 //! The features of all symmetries, one after the other, are an orthonormal basis as those of the whole factor are:
 //!
@@ -6,12 +6,12 @@
 //! φ_s = R_s⁻¹ u_s(k),    φᵀφ = Σ_s φ_sᵀ φ_s = kᵀ K⁻¹ k
 //! ```
 
-use crate::centers::Centers;
-use crate::cholesky::{self, largest_eigenvalue};
-use crate::kernel::RadialFunction;
-use crate::lanes::{LANES, VectorLoop, whole_lanes};
-use crate::mirror::{MirrorImages, sums_and_differences};
-use crate::packed_factor::{PackedFactor, Product};
+use crate::space::centers::Centers;
+use crate::space::factors::cholesky::{self, largest_eigenvalue};
+use crate::space::factors::lanes::{LANES, VectorLoop, whole_lanes};
+use crate::space::factors::mirror::{MirrorImages, sums_and_differences};
+use crate::space::factors::packed::{PackedFactor, Product};
+use crate::space::kernel::RadialFunction;
 use pulp::Simd;
 
 /// The octets of a lattice with two points or more along one, two or three axes.

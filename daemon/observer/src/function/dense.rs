@@ -8,9 +8,9 @@
 //! with `in` = h σ Γ_f ỹ, what the law learns from an output that was held for h.
 
 use crate::NativeSpace;
-use crate::lanes::{VectorLoop, dot};
-use crate::learned_function::Evaluation;
-use crate::native_space::FeatureBuffers;
+use crate::function::learned::Evaluation;
+use crate::space::factors::lanes::{VectorLoop, dot};
+use crate::space::native_space::FeatureBuffers;
 use nalgebra::SVector;
 use pulp::Simd;
 

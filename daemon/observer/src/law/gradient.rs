@@ -18,8 +18,8 @@
 //! | Γ_f | `adaptation_rate` | m×m | the input's, per second and unit of output |
 //! | θ, φ | `weights`, `features` | N×m, N | the input's; 1 |
 
-use crate::learned_function::{Evaluation, LearnedFunction};
-use crate::stability::StepLimit;
+use crate::function::learned::{Evaluation, LearnedFunction};
+use crate::law::stability::StepLimit;
 use crate::{Centers, DeadZone, NativeSpace, SolverInUse};
 use nalgebra::{SMatrix, SVector};
 use serde::{Deserialize, Serialize};
@@ -310,7 +310,7 @@ impl<const M: usize> Law<M> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::stability::largest_learning_rate;
+    use crate::law::stability::largest_learning_rate;
     use crate::{
         Centers, Channel, ChannelDesign, DeadZoneShape, DisturbanceBounds, Integrator, Kernel, LengthScale,
         Solver,

@@ -33,12 +33,12 @@
 //! Fuselier, Hangelbroek, Narcowich, Ward (2013), *Localized bases for kernel spaces on the unit sphere*, for the decay.
 //! The scheme and its estimate are ours.
 
-use crate::kernel::RadialFunction;
-use crate::lanes::{VectorLoop, VectorUnit, multiply_add, whole_lanes};
-use crate::lattice_block::{BlockBuffers, BlockEvaluation, IMAGES, LatticeBlock};
-use crate::learned_function::Evaluation;
-use crate::native_space::ScaledKernel;
-use crate::solver::surroundings_norm;
+use crate::function::block::{BlockBuffers, BlockEvaluation, IMAGES, LatticeBlock};
+use crate::function::learned::Evaluation;
+use crate::function::solver::surroundings_norm;
+use crate::space::factors::lanes::{VectorLoop, VectorUnit, multiply_add, whole_lanes};
+use crate::space::kernel::RadialFunction;
+use crate::space::native_space::ScaledKernel;
 use crate::{Centers, DesignError, Kernel, LengthScale, LocalSolver, NativeSpace, Parameter};
 use nalgebra::SVector;
 use pulp::Simd;
@@ -789,8 +789,8 @@ const CALIBRATION_UPDATES: usize = 192;
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::dense_function::DenseFunction;
-    use crate::learned_function::tests::Numbers;
+    use crate::function::dense::DenseFunction;
+    use crate::function::learned::tests::Numbers;
     use nalgebra::Vector3;
 
     const MATERN: fn(usize) -> Kernel =

@@ -10,7 +10,7 @@ fn rows(table: &'static str) -> impl Iterator<Item = Vec<&'static str>> {
 #[test]
 fn every_kernel_has_fourteen_digits() {
     let (mut worst, mut n_rows) = (0.0_f64, 0);
-    for row in rows(include_str!("kernel_reference.csv")) {
+    for row in rows(include_str!("../kernel_reference.csv")) {
         let [name, d, k, r, value] = row[..] else { panic!("{row:?}") };
         let dimension = d.parse().unwrap_or(3);
         let kernel = match name {
@@ -60,7 +60,7 @@ fn space(case: &str) -> NativeSpace {
 #[test]
 fn native_spaces_have_the_values_of_the_table() {
     let mut n_rows = 0;
-    for row in rows(include_str!("native_space_reference.csv")) {
+    for row in rows(include_str!("../native_space_reference.csv")) {
         let [quantity, case, value] = row[..] else { panic!("{row:?}") };
         let (space, expected): (_, f64) = (space(case), value.parse().unwrap());
         let point =

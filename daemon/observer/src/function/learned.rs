@@ -1,8 +1,8 @@
 //! f̂_N behind one interface, whatever its coordinates: an output is held, f̂ is evaluated there or elsewhere, and an
 //! increment `in` is learned, `f̂ ← f̂ + Π_N 𝔎(·, y) in`.
 
-use crate::dense_function::DenseFunction;
-use crate::lattice_function::LatticeFunction;
+use crate::function::dense::DenseFunction;
+use crate::function::lattice::LatticeFunction;
 use crate::{Centers, DesignError, Kernel, LengthScale, NativeSpace, Solver, SolverInUse};
 use nalgebra::SVector;
 

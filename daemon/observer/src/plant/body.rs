@@ -1,6 +1,6 @@
 //! A channel of the rigid body as the time line sees it: the velocity, and the pose that is integrated from it.
 
-use crate::channel::{Integrator, Segment};
+use crate::law::channel::{Integrator, Segment};
 use crate::timeline::{Moment, Plant};
 use nalgebra::{Matrix3, Vector3};
 use serde::{Deserialize, Serialize};

@@ -1,6 +1,6 @@
 //! Radial kernels κ(r), the shape of what one center knows about its surroundings.
 
-use crate::lanes::{exp_of_minus, multiply_add};
+use crate::space::factors::lanes::{exp_of_minus, multiply_add};
 use crate::{DesignError, Parameter};
 use pulp::Simd;
 use std::f64::consts::PI;
@@ -226,7 +226,7 @@ fn normalized_bessel(nu: usize, r: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::lanes::{VectorLoop, VectorUnit};
+    use crate::space::factors::lanes::{VectorLoop, VectorUnit};
 
     struct Replace<'a>(&'a RadialFunction, &'a mut [f64]);
 

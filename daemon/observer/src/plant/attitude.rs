@@ -1,7 +1,7 @@
 //! Attitude: a unit quaternion moved by the exponential map, and optional fixes.
 
-use crate::body::Kinematics;
-use crate::channel::Segment;
+use crate::law::channel::Segment;
+use crate::plant::body::Kinematics;
 use nalgebra::{UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
 

@@ -22,9 +22,9 @@
 //! | Γ_f | `adaptation_rate` | 3×3 | kg/s²; N·m |
 //! | λ | `gain_per_s` | 1 | 1/s |
 
-use crate::law::Law;
-use crate::learned_function::LearnedFunction;
-use crate::stability::{StepLimit, largest_learning_rate};
+use crate::function::learned::LearnedFunction;
+use crate::law::gradient::Law;
+use crate::law::stability::{StepLimit, largest_learning_rate};
 use crate::{Centers, DeadZone, DesignError, Kernel, LengthScale, Parameter, ScaledKernel, Solver};
 use nalgebra::{DMatrix, Matrix3, Vector3};
 

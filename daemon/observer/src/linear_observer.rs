@@ -21,15 +21,15 @@
 //! # Source
 //! Niu et al., eqs. (plant dynamics), (state estimator), (final learning laws).
 
-use crate::certificate::{Certificate, sup_if_needed};
-use crate::channel::{DisturbanceBounds, positive, positive_definite};
-use crate::law::Law;
-use crate::learned_function::LearnedFunction;
-use crate::linear_algebra::{
+use crate::function::learned::LearnedFunction;
+use crate::innovation_gate::Plausibility;
+use crate::law::channel::{DisturbanceBounds, positive, positive_definite};
+use crate::law::gradient::Law;
+use crate::law::stability::StepLimit;
+use crate::report::certificate::{Certificate, sup_if_needed};
+use crate::report::linear_algebra::{
     LurePair, complement, eigenvalues, lure_pair, reachable_subspace, spectral_abscissa, spectral_norm,
 };
-use crate::plausibility::Plausibility;
-use crate::stability::StepLimit;
 use crate::timeline::{ChannelReport, ChannelState, Measured, Moment, Plant, Timeline};
 use crate::{Centers, DeadZone, DesignError, Kernel, LengthScale, Parameter, ScaledKernel, Solver};
 use nalgebra::{Complex, DMatrix, DVector, SMatrix, SVector};
@@ -795,7 +795,7 @@ mod tests {
             ..oscillator()
         };
         for h in [h, 0.1, 1.0] {
-            let closed = crate::stability::largest_learning_rate(gain, h) * h * mass / rate;
+            let closed = crate::law::stability::largest_learning_rate(gain, h) * h * mass / rate;
             assert!(
                 (largest_gain(&design.observable_part(), &design.adaptation_rate, h) / closed - 1.0).abs()
                     < 1e-6,

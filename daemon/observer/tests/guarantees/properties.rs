@@ -1,7 +1,8 @@
 //! What must hold for any centers, kernel and history: proven on random ones.
 
+use crate::native_function::NativeFunction;
 use nalgebra::{DMatrix, DVector};
-use observer::{Centers, FeatureBuffers, Kernel, LengthScale, NativeFunction, NativeSpace};
+use observer::{Centers, FeatureBuffers, Kernel, LengthScale, NativeSpace};
 use proptest::prelude::*;
 
 /// A kernel with the dimension it lives on.
@@ -90,7 +91,7 @@ proptest! {
         let norm = (alpha.transpose() * space.gram() * &alpha).trace().max(0.0).sqrt();
         let theta_norm = theta.iter().flatten().map(|t| t * t).sum::<f64>().sqrt();
         prop_assert!((norm - theta_norm).abs() < 1e-8 * (1.0 + norm));
-        let function = space.function(&theta);
+        let function = NativeFunction::of(&space, &theta);
         prop_assert!((function.norm() - theta_norm).abs() < 1e-7 * (1.0 + norm));
         for y in &queries {
             let k = kernel_vector(&space, &y[..d]);
@@ -141,7 +142,7 @@ proptest! {
         for (z, a) in terms.iter().zip(&coefficients) {
             f.add(&z[..d], a);
         }
-        let projected = space.function(&space.projection(&f));
+        let projected = NativeFunction::projected(&space, &f);
         let rest = f.minus(&projected);
         for xi in space.centers().points() {
             prop_assert!(rest.value(xi).iter().all(|left| left.abs() < 1e-8));

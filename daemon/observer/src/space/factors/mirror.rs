@@ -12,8 +12,8 @@
 //! An *octet* o is a point and its mirror images e ∈ {0,1}³; s ∈ {0,1}³ is a symmetry. Of a box with fewer mirrored axes
 //! the octets, and the symmetries, are four or two.
 
-use crate::cholesky;
-use crate::lanes::whole_lanes;
+use crate::space::factors::cholesky;
+use crate::space::factors::lanes::whole_lanes;
 use nalgebra::DMatrix;
 
 /// c₁×c₂×c₃ points of a lattice, in octets.

@@ -1,7 +1,7 @@
 //! Position: the integral of the velocity estimate, and optional fixes.
 
-use crate::body::Kinematics;
-use crate::channel::Segment;
+use crate::law::channel::Segment;
+use crate::plant::body::Kinematics;
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 

@@ -80,71 +80,11 @@ impl DeadZone {
             DeadZoneShape::Saturated => 1.0,
         }
     }
-
-    /// ∫₀^e σ(r) r dr: the first moment of σ, in the output's unit to the power 2 (saturated, step) or 3.
-    ///
-    /// With t = e − d on the buffer, where s = t/ε ≤ 1:
-    ///
-    /// `quadratic  t³ (4d + 3t) / 24ε ,    saturated  ε (d (s³ − s⁴/2) + ε (3s⁴/4 − 2s⁵/5))`
-    pub fn first_moment(&self, e: f64) -> f64 {
-        let (d, epsilon) = (self.width, self.buffer);
-        let edge = d + epsilon;
-        let squares = |from: f64| (e * e - from * from) / 2.0;
-        let quadratic = |t: f64| t * t * t * (4.0 * d + 3.0 * t) / (24.0 * epsilon);
-        let saturated = |s: f64| {
-            let cube = s * s * s;
-            epsilon * (d * cube * (1.0 - s / 2.0) + epsilon * cube * s * (0.75 - 0.4 * s))
-        };
-        match self.shape {
-            _ if e <= d => 0.0,
-            DeadZoneShape::Step => squares(d),
-            DeadZoneShape::Quadratic if e <= edge => quadratic(e - d),
-            DeadZoneShape::Quadratic => {
-                let cubes = (e * e * e - edge * edge * edge) / 3.0;
-                quadratic(epsilon) + cubes - (d + epsilon / 2.0) * squares(edge)
-            }
-            DeadZoneShape::Saturated if e <= edge => saturated((e - d) / epsilon),
-            DeadZoneShape::Saturated => saturated(1.0) + squares(edge),
-        }
-    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    /// Against Simpson's rule on 2000 intervals of each of the pieces, on which σ(r) r is a polynomial: its
-    /// error is that of the fifth power at most, 1e-13 of the integral.
-    #[test]
-    fn the_first_moment_is_the_integral() {
-        for shape in [DeadZoneShape::Quadratic, DeadZoneShape::Saturated, DeadZoneShape::Step] {
-            let zone = DeadZone::new(shape, 0.3, 0.2).unwrap();
-            let simpson = |from: f64, to: f64| {
-                let n = 2000;
-                let width = (to - from) / n as f64;
-                let f = |r: f64| zone.activation(r) * r;
-                let panel = |i: usize| {
-                    let a = from + i as f64 * width;
-                    width / 6.0 * (f(a) + 4.0 * f(a + width / 2.0) + f(a + width))
-                };
-                (0..n).map(panel).sum::<f64>()
-            };
-            // The step's own jump at d is left to one side.
-            let start = 0.3 + 1e-15;
-            for e in [0.0, 0.2, 0.3, 0.31, 0.45, 0.5, 0.6, 3.0] {
-                let expected = match e {
-                    e if e <= 0.3 => 0.0,
-                    e if e <= 0.5 => simpson(start, e),
-                    e => simpson(start, 0.5) + simpson(0.5, e),
-                };
-                let found = zone.first_moment(e);
-                assert!(
-                    (found - expected).abs() <= 1e-12 * (1.0 + expected),
-                    "{shape:?} {e}: {found} {expected}"
-                );
-            }
-        }
-    }
 
     #[test]
     fn both_shapes_are_admissible() {

@@ -5,19 +5,20 @@
 //! f̂_{j+1} = f̂_j + h σ(‖ỹ‖) 𝒦(y_j,·) Γ_f ỹ ,    ỹ = y_j − C x̂_j
 //! ```
 //!
-//! What [`crate::Law`] computes on N centers is Π_N of this, for the same output errors. For reference, offline: a
+//! What the law computes on N centers is Π_N of this, for the same output errors. For reference, offline: a
 //! step costs as many kernel values as there were steps that learned.
 //!
 //! # Source
-//! Niu et al., eq. (adaptive law infinite dim), sampled as [`crate::Law`] is: y and ỹ held over the step,
+//! Niu et al., eq. (adaptive law infinite dim), sampled as the law is: y and ỹ held over the step,
 //! update first.
 
-use crate::{DeadZone, NativeFunction, ScaledKernel};
+use crate::native_function::NativeFunction;
 use nalgebra::{SMatrix, SVector};
+use observer::{DeadZone, ScaledKernel};
 
 /// The law in H for M outputs, from f̂ = 0.
 #[derive(Debug, Clone)]
-pub struct ReferenceLaw<const M: usize> {
+pub(crate) struct ReferenceLaw<const M: usize> {
     dead_zone: DeadZone,
     adaptation_rate: SMatrix<f64, M, M>,
     function: NativeFunction,
@@ -25,21 +26,25 @@ pub struct ReferenceLaw<const M: usize> {
 
 /// One step of the law in H.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct ReferenceStep<const M: usize> {
+pub(crate) struct ReferenceStep<const M: usize> {
     /// ỹ = y − C x̂, in the output's unit.
-    pub output_error: SVector<f64, M>,
+    pub(crate) output_error: SVector<f64, M>,
     /// σ(‖ỹ‖).
-    pub activation: f64,
+    pub(crate) activation: f64,
     /// h σ Γ_f ỹ, in the input's unit.
-    pub increment: SVector<f64, M>,
+    pub(crate) increment: SVector<f64, M>,
     /// f̂_{j+1}(y), after the update, in the input's unit.
-    pub matched_force: SVector<f64, M>,
+    pub(crate) matched_force: SVector<f64, M>,
 }
 
 impl<const M: usize> ReferenceLaw<M> {
     /// f̂ = 0 in the space of `kernel` on ℝ^M; Γ_f = `adaptation_rate`, symmetric positive definite. σ is not
     /// held down for the sampled law's stability: that is the caller's to see to.
-    pub fn new(kernel: ScaledKernel, dead_zone: DeadZone, adaptation_rate: SMatrix<f64, M, M>) -> Self {
+    pub(crate) fn new(
+        kernel: ScaledKernel,
+        dead_zone: DeadZone,
+        adaptation_rate: SMatrix<f64, M, M>,
+    ) -> Self {
         Self { dead_zone, adaptation_rate, function: NativeFunction::zero(kernel, M) }
     }
 
@@ -47,7 +52,7 @@ impl<const M: usize> ReferenceLaw<M> {
     ///
     /// # Cost
     /// One kernel value for every step that learned; allocates.
-    pub fn step(
+    pub(crate) fn step(
         &mut self,
         output: &SVector<f64, M>,
         output_estimate: &SVector<f64, M>,
@@ -64,7 +69,7 @@ impl<const M: usize> ReferenceLaw<M> {
     }
 
     /// f̂.
-    pub fn function(&self) -> &NativeFunction {
+    pub(crate) fn function(&self) -> &NativeFunction {
         &self.function
     }
 }

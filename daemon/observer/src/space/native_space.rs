@@ -11,14 +11,14 @@
 //!
 //! α̂ is the paper's (§V-B); a step of the law is cheapest in θ.
 
-use crate::box_search::{Supremum, supremum_over_box};
-use crate::centers::weighted_distance;
-use crate::cholesky::{self, largest_eigenvalue};
-use crate::kernel::RadialFunction;
-use crate::lanes::{VectorLoop, VectorUnit, multiply_add, whole_lanes};
-use crate::mirrored_factor::{MirroredFactor, MirroredLattice, MirroredProduct};
-use crate::packed_factor::{POINTS, PackedFactor, Product, SquaresOfProducts};
-use crate::{Centers, DesignError, Kernel, NativeFunction, Parameter};
+use crate::report::box_search::{Supremum, supremum_over_box};
+use crate::space::centers::weighted_distance;
+use crate::space::factors::cholesky::{self, largest_eigenvalue};
+use crate::space::factors::lanes::{VectorLoop, VectorUnit, multiply_add, whole_lanes};
+use crate::space::factors::mirrored::{MirroredFactor, MirroredLattice, MirroredProduct};
+use crate::space::factors::packed::{POINTS, PackedFactor, Product, SquaresOfProducts};
+use crate::space::kernel::RadialFunction;
+use crate::{Centers, DesignError, Kernel, Parameter};
 use nalgebra::DMatrix;
 use pulp::Simd;
 
@@ -461,23 +461,6 @@ impl NativeSpace {
         values.column_iter().map(|beta| weights_of(beta.as_slice())).collect()
     }
 
-    /// Π_N f, as weights.
-    pub fn projection(&self, f: &NativeFunction) -> Vec<Vec<f64>> {
-        let values: Vec<_> = self.centers.points().map(|xi| f.value(xi)).collect();
-        let columns = values.first().map_or(0, |value| value.len());
-        self.weights_of_nodal_values(&DMatrix::from_fn(values.len(), columns, |i, j| values[i][j]))
-    }
-
-    /// The function with these weights, as an element of H.
-    pub fn function(&self, weights: &[Vec<f64>]) -> NativeFunction {
-        let coefficients = self.coefficients(weights);
-        let mut function = NativeFunction::zero(self.kernel.clone(), weights.len());
-        for (xi, row) in self.centers.points().zip(coefficients.row_iter()) {
-            function.add(xi, row.transpose().as_slice());
-        }
-        function
-    }
-
     /// Bytes that every step reads: the packed factor and the centers.
     pub fn bytes(&self) -> usize {
         let factor = match &self.inverse_factor {
@@ -603,7 +586,7 @@ fn least(numbers: &[f64]) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::dense_function::DenseFunction;
+    use crate::function::dense::DenseFunction;
     use nalgebra::Vector3;
 
     const KERNEL: Kernel = Kernel::SobolevMatern { dimension: 3, order: 3 };
@@ -748,10 +731,6 @@ mod tests {
             let norm = alpha.dot(&(gram * &alpha)).sqrt();
             let found = theta.iter().flatten().map(|theta| theta * theta).sum::<f64>().sqrt();
             assert!((found / norm - 1.0).abs() < 1e-9, "{case:?}: {found} {norm}");
-            let function = space.function(&theta);
-            for (back, theta) in space.projection(&function).iter().zip(&theta).filter(|_| case.3 == 0.0) {
-                assert!(back.iter().zip(theta).all(|(a, b)| (a - b).abs() < 1e-8 * norm), "{case:?}");
-            }
             assert!((space.gram_condition() / whole.gram_condition() - 1.0).abs() < 1e-4, "{case:?}");
             // The search takes thousands of evaluations of both.
             if n > 64 || space.centers().dimension() > 3 {

@@ -1,0 +1,6 @@
+//! The adaptive law: output error, activation, weights, matched force, and the channel that runs it over a plant.
+
+pub(crate) mod channel;
+pub(crate) mod dead_zone;
+pub(crate) mod gradient;
+pub mod stability;

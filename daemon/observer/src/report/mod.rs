@@ -1,0 +1,6 @@
+//! What is proven for a design, computed at set-up: nothing here runs in a step.
+
+pub(crate) mod box_search;
+pub(crate) mod certificate;
+pub(crate) mod design_report;
+pub(crate) mod linear_algebra;

@@ -1,0 +1,7 @@
+//! Factors of the Gram matrix, packed for the vector unit; they know nothing of kernels.
+
+pub(crate) mod cholesky;
+pub(crate) mod lanes;
+pub(crate) mod mirror;
+pub(crate) mod mirrored;
+pub(crate) mod packed;

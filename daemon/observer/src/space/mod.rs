@@ -1,0 +1,6 @@
+//! The native space H_N that f̂ is taken from: kernel, centers, and the factored Gram matrix.
+
+pub(crate) mod centers;
+pub(crate) mod factors;
+pub(crate) mod kernel;
+pub(crate) mod native_space;
