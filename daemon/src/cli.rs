@@ -338,7 +338,12 @@ fn iceoryx2_config(root: Option<&Path>) -> anyhow::Result<()> {
     let domain = Domain::at_or_of_user(root)?;
     // Whoever reads this would make the root path open to its group, and without our lock in it.
     drop(domain.lock_for_making()?);
-    outln!("{}", toml::to_string(&domain.config_for_others()).context("write as TOML")?.trim_end());
+    outln!(
+        "{}",
+        toml::to_string(&shared_types::service::config_for_others(&domain))
+            .context("write as TOML")?
+            .trim_end()
+    );
     Ok(())
 }
 

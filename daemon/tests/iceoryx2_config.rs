@@ -21,7 +21,7 @@ fn a_node_with_the_printed_configuration_sees_the_services_and_its_mirrors_keep_
     std::fs::write(&file, text).unwrap();
     let path = FilePath::new(file.to_str().unwrap().as_bytes()).unwrap();
     let config = Config::from_file(&path).unwrap();
-    assert_eq!(config, domain.domain.config_for_others());
+    assert_eq!(config, shared_types::service::config_for_others(&domain.domain));
 
     let daemon = Daemon::start(&domain, &["--preset", "linear"]);
     domain.client();

@@ -4,7 +4,6 @@
 //! |---|---|
 //! | [`payload`] | the fixed-size messages, every field with its unit |
 //! | [`service`] | service names and qualities, in one place |
-//! | [`domain`] | which shared memory: root path, prefix, and the lock under which anything in it is made |
 //! | [`client`] | what a vehicle's process or a reader uses: publish, wait, peek, command |
 //! | [`clock`] | the one clock of all time stamps |
 //! | [`terminal`] | lines of the programs, to readers that may be gone |
@@ -41,11 +40,10 @@ pub struct ReadMe;
 
 pub mod client;
 pub mod clock;
-pub mod domain;
 pub mod payload;
 pub mod service;
 pub mod terminal;
 
 pub use client::{Client, ClientError};
-pub use domain::{Domain, DomainError};
+pub use domain::{self, Domain, DomainError};
 pub use payload::{Channel, Command, Estimate, LatencySummary, Measurement, Reply, Status, Truth};

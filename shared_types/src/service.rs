@@ -10,7 +10,7 @@
 //! | `NAME/truth` | publish-subscribe | [`Truth`] | simulator → bench, monitor |
 //! | `NAME/control` | request-response | [`Command`], [`Reply`] | operator → daemon |
 //!
-//! Whoever only wants the newest estimate subscribes with a buffer of one: overflow then keeps just that.
+//! A reader that only wants the newest estimate subscribes with a buffer of one: overflow then keeps just that.
 //! A blackboard would be the obvious place, but in iceoryx2 0.10.0 an entry whose writer was killed cannot
 //! be written again while any reader lives (upstream issue 2008), and a frozen estimate looks like a live one.
 
@@ -98,6 +98,21 @@ pub fn node(domain: &Domain, name: &str) -> Result<Node, ServiceError> {
         .map_err(|error| refused("create node", name, &error))?;
     domain.close_segments_to_others()?;
     Ok(node)
+}
+
+/// The domain's configuration of iceoryx2 for programs that are not ours, such as the link between machines
+/// (docs/across-machines.md). The services that those make themselves, mirrors of ours, have qualities like those
+/// that the daemon gives.
+pub fn config_for_others(domain: &Domain) -> Config {
+    let mut config = domain.config();
+    let topic = &mut config.defaults.publish_subscribe;
+    topic.max_subscribers = MAX_READERS;
+    topic.max_publishers = MAX_SOURCES;
+    topic.max_nodes = MAX_NODES;
+    topic.subscriber_max_buffer_size = ESTIMATE_BUFFER;
+    topic.publisher_history_size = 1;
+    topic.enable_safe_overflow = true;
+    config
 }
 
 /// Whether a name can be part of service names.

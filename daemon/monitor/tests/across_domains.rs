@@ -56,7 +56,7 @@ fn tunnel_program() -> PathBuf {
 fn tunnel(domain: &TestDomain, directory: &Path, zenoh: &str) -> Role {
     std::fs::create_dir_all(directory.join("config")).unwrap();
     drop(domain.domain.lock_for_making().unwrap());
-    let iceoryx2 = toml::to_string(&domain.domain.config_for_others()).unwrap();
+    let iceoryx2 = toml::to_string(&shared_types::service::config_for_others(&domain.domain)).unwrap();
     std::fs::write(directory.join("config/iceoryx2.toml"), iceoryx2).unwrap();
     std::fs::write(directory.join("zenoh.json5"), zenoh).unwrap();
     let wake = std::env::var("OBSERVER_WAKE").unwrap_or("--poll 1".into());
@@ -110,7 +110,7 @@ impl Sent {
 /// Publishes an estimate in this domain as any process of the ground station can.
 fn forge(domain: &TestDomain) {
     let node = NodeBuilder::new()
-        .config(&domain.domain.config_for_others())
+        .config(&shared_types::service::config_for_others(&domain.domain))
         .signal_handling_mode(SignalHandlingMode::Disabled)
         .create::<ipc::Service>()
         .unwrap();

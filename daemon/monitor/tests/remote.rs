@@ -42,7 +42,7 @@ impl Mirror {
     fn new(domain: &TestDomain) -> Self {
         // The root path is made first by one of ours, as `daemon iceoryx2-config` does.
         drop(domain.domain.lock_for_making().unwrap());
-        let mut config = domain.domain.config_for_others();
+        let mut config = shared_types::service::config_for_others(&domain.domain);
         config.defaults = Config::default().defaults;
         set_log_level(LogLevel::Fatal);
         let node = NodeBuilder::new()

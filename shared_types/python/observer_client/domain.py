@@ -1,8 +1,8 @@
 """Which shared memory: a root path, a prefix, and the lock under which anything in it is made.
 
-The same rules as in the Rust crate (``shared_types/src/domain.rs``, which says why), and a test compares them. Two
+The same rules as in the Rust crate (``shared_types/domain``, which says why), and a test compares them. Two
 things are left to the programs in Rust: to remove what a process left half-made that was killed while it made it
-(here it is refused by name, since it could make every later start hang), and to remove a domain that nobody uses.
+(here it is refused by name, since it could make every later start hang), and to remove a domain that no process uses.
 """
 
 import fcntl
@@ -19,7 +19,7 @@ ROOT_VARIABLE = "OBSERVER_ROOT"
 _SEGMENTS = "/dev/shm"
 _MAKING_LOCK = "making.lock"
 _CLAIM_SUFFIX = ".claim"
-_LONGEST_ROOT_AND_PREFIX_BYTES = 60
+_MAX_ROOT_AND_PREFIX_BYTES = 60
 _LOCK_PATIENCE_S = 10.0
 _HALF_MADE_AGE_S = 0.25
 _NAME_CHARACTERS = frozenset("abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789-_.")
@@ -45,10 +45,10 @@ class Domain:
         text = os.fsencode(self.root)
         self.prefix = f"{name}~{_fnv1a_32(text):08x}_"
         size = len(text) + len(self.prefix)
-        if size > _LONGEST_ROOT_AND_PREFIX_BYTES:
+        if size > _MAX_ROOT_AND_PREFIX_BYTES:
             raise self._refused(
                 f"it and its segments' prefix '{self.prefix}' are {size} bytes long",
-                f"at most {_LONGEST_ROOT_AND_PREFIX_BYTES} bytes: sockets with both in their names live below it",
+                f"at most {_MAX_ROOT_AND_PREFIX_BYTES} bytes: sockets with both in their names live below it",
             )
 
     def __repr__(self):
@@ -157,7 +157,7 @@ class Domain:
             os.chmod(self.root, 0o700)
 
     def _check_directories_above(self):
-        """Whoever may rename the root path may put another one in its place."""
+        """A user who may rename the root path may put another one in its place."""
         directory = self.root.rstrip("/")
         while directory not in ("", "/"):
             directory = os.path.dirname(directory)
