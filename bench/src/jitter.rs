@@ -11,7 +11,7 @@ use crate::processes::stop_flag;
 use crate::service::{parse_rate_hz, parse_seconds};
 use anyhow::{Context, anyhow, bail};
 use daemon::cycle::{skip_missed, wait_for_deadline};
-use daemon::realtime::{self, Refused};
+use daemon::system::real_time::{self, Refused};
 use indicatif::{ProgressBar, ProgressStyle};
 use serde::Serialize;
 use shared_types::clock::monotonic_ns;
@@ -89,7 +89,7 @@ pub fn run(arguments: &JitterArguments) -> anyhow::Result<()> {
     let machine = Machine::found();
     // With one core, its own threads and the measured one share it.
     let core = machine.other_core().ok().or(machine.all_cores().first().copied()).unwrap_or(0);
-    let (memory, awake) = (realtime::lock_memory(), realtime::keep_cores_awake());
+    let (memory, awake) = (real_time::lock_memory(), real_time::keep_cores_awake());
     let seconds = if arguments.quick { 0.2 } else { arguments.seconds };
     let (n_slices, spin_ns) =
         (if arguments.quick { 1 } else { arguments.slices }, 1000 * u64::from(arguments.spin_us));
@@ -177,10 +177,10 @@ impl Slice {
 
     /// As the service's loop waits, and with what it asks of the system.
     fn wait(self, stop: &AtomicBool) -> Result<Vec<u64>, Refused> {
-        realtime::stay_on_cores(&[self.core])?;
-        realtime::use_punctual_timers()?;
+        real_time::stay_on_cores(&[self.core])?;
+        real_time::use_punctual_timers()?;
         if self.mode.is_fifo() {
-            realtime::use_fifo(self.priority)?;
+            real_time::use_fifo(self.priority)?;
         }
         let spin_ns = if self.mode == Mode::FifoSpin { self.spin_ns } else { 0 };
         let period_ns = (1e9 / self.rate_hz) as u64;
@@ -378,7 +378,7 @@ mod tests {
     /// Not the times, which are the machine's affair.
     #[test]
     fn a_slice_waits_as_often_as_it_was_told() {
-        let core = realtime::allowed_cores()[0];
+        let core = real_time::allowed_cores()[0];
         for mode in [Mode::Plain, Mode::FifoSpin] {
             let slice = Slice { mode, rate_hz: 2000.0, n_wakes: 20, core, priority: 10, spin_ns: 50_000 };
             match slice.run(&AtomicBool::new(false)).unwrap() {

@@ -1,7 +1,7 @@
 //! The machine a measurement ran on, and the core it was pinned to: what its figures depend on.
 
 use anyhow::Context;
-use daemon::{machine, realtime};
+use daemon::system::{machine, real_time};
 use rustix::thread::sched_getcpu;
 use serde::Serialize;
 use shared_types::outln;
@@ -29,7 +29,7 @@ impl Machine {
     pub(crate) fn found() -> Self {
         // Before pinning, which would leave one.
         let cores = std::thread::available_parallelism().map_or(1, usize::from);
-        let mut other_cores = realtime::allowed_cores();
+        let mut other_cores = real_time::allowed_cores();
         let (pinned_core, pinned_core_reason) = match pin() {
             Ok(core) => (Some(core), None),
             Err(reason) => (None, Some(reason)),
@@ -82,6 +82,6 @@ impl Machine {
 
 fn pin() -> Result<usize, String> {
     let core = sched_getcpu();
-    realtime::stay_on_cores(&[core]).map_err(|refused| refused.to_string())?;
+    real_time::stay_on_cores(&[core]).map_err(|refused| refused.to_string())?;
     Ok(core)
 }

@@ -2,7 +2,7 @@
 
 use anyhow::{Context, bail};
 use daemon::config::PRESETS;
-use daemon::realtime;
+use daemon::system::real_time;
 use rustix::process::{Pid, Signal, WaitOptions, kill_process, waitpid};
 use shared_types::Domain;
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
@@ -92,10 +92,10 @@ impl Child {
     /// As [`Child::start`], on these cores from its first instruction on.
     pub(crate) fn start_on(domain: &OwnDomain, arguments: &[&str], cores: &[usize]) -> anyhow::Result<Self> {
         // A process inherits the cores of the thread that starts it.
-        let ours = realtime::allowed_cores();
-        realtime::stay_on_cores(cores)?;
+        let ours = real_time::allowed_cores();
+        real_time::stay_on_cores(cores)?;
         let child = Self::start(domain, arguments);
-        realtime::stay_on_cores(&ours)?;
+        real_time::stay_on_cores(&ours)?;
         child
     }
 

@@ -7,372 +7,41 @@
 //!
 //! The mathematics is the crate [`observer`]. Most users need no more of this crate than its program; a vehicle's process
 //! depends on [`shared_types`], whose [`Client`](shared_types::Client) publishes samples and reads estimates. To embed the
-//! service in a program of your own: [`ConfigFile`] and [`Service`].
+//! service in a program of your own: [`ConfigFile`](config::ConfigFile) and [`Service`].
 //!
 //! | module | holds |
 //! |---|---|
 //! | [`config`] | TOML in, checked design out |
 //! | [`check`] | what is proven for a configuration |
-//! | [`gate`] | which samples are believed |
+//! | [`gate`] | which samples are accepted |
 //! | [`estimator`] | the observer of a configuration, of a rigid body or of a linear plant |
 //! | [`engine`] | all that decides an estimate, without clock and ports |
 //! | [`cycle`] | the tick |
 //! | [`ports`] | the iceoryx2 ports of the service |
-//! | [`realtime`] | what a thread asks of the system so that it is on time |
 //! | [`snapshot`] | what was learned, in a file; resumed at the start |
 //! | [`record`] | the flight record, and its replay to the same bits |
-//! | [`attendant`] | status, commands, log |
-//! | [`service_manager`] | what systemd is told |
-//! | [`doctor`] | what this machine grants, measured |
-//! | [`machine`] | facts that figures depend on |
+//! | [`threads`] | the threads beside the loop |
+//! | [`system`] | what the service asks of the machine |
+//! | [`service`] | starting and stopping all of it |
 //! | [`cli`] | the command line |
 //!
 //! What it does for a multicopter in wind with a load that nobody told it of, beside the same observer without learning
 //! (`bench demo`):
 #![cfg_attr(doc, doc = concat!("<div style=\"overflow-x:auto\">\n", include_str!("../../docs/demo.svg"), "</div>\n"))]
 
-pub mod attendant;
 pub mod check;
 pub mod cli;
 pub mod config;
 pub mod cycle;
-pub mod doctor;
 pub mod engine;
 pub mod estimator;
 pub mod gate;
-pub mod machine;
+mod log;
 pub mod ports;
-pub mod realtime;
 pub mod record;
-pub mod service_manager;
+pub mod service;
 pub mod snapshot;
+pub mod system;
+pub mod threads;
 
-/// Writes a line to the log, stderr. Whether anyone reads it is not the service's concern.
-macro_rules! say {
-    ($($argument:tt)*) => { shared_types::logln!("daemon: {}", format_args!($($argument)*)) };
-}
-pub(crate) use say;
-
-use attendant::{Attendant, AttendantRings};
-use config::{ConfigError, ConfigFile};
-use config::{RealTimeConfig, Trigger};
-use cycle::{Cycle, LoopRings};
-use engine::Engine;
-use ports::{AttendantPorts, LoopPorts, PortsError};
-use realtime::settings::{self, OffTheLoop, Outcome};
-use record::{RecorderRing, Session};
-use shared_types::domain::InstanceClaim;
-use shared_types::service::{ServiceError, check_instance_name};
-use shared_types::{Domain, DomainError, Status};
-use snapshot::{SnapshotError, SnapshotLock};
-use std::path::{Path, PathBuf};
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, OnceLock, mpsc};
-use std::thread::JoinHandle;
-use std::time::{Duration, Instant};
-
-/// A disk that takes longer at the end is given up: whoever stops a service wants it to stop.
-const WRITERS_PATIENCE: Duration = Duration::from_secs(10);
-/// Tick records on their way to the attendant: a second and more at any usual rate.
-const RECORDS: usize = 8192;
-
-/// Why the service did not start.
-#[derive(Debug, thiserror::Error)]
-pub enum StartError {
-    /// The configuration was refused.
-    #[error(transparent)]
-    Config(#[from] ConfigError),
-    /// Shared memory was refused.
-    #[error(transparent)]
-    Ports(#[from] PortsError),
-    /// The snapshot was refused.
-    #[error(transparent)]
-    Snapshot(#[from] SnapshotError),
-    /// The flight record cannot be written.
-    #[error(
-        "flight record '{path}': {cause}; needed: a file that can be written, in a directory that is there"
-    )]
-    Record {
-        /// The file.
-        path: String,
-        /// The system's reason.
-        cause: std::io::Error,
-    },
-    /// A thread could not be started, or ended at once.
-    #[error("the {0} thread did not start")]
-    Thread(&'static str),
-    /// The system refused what `real_time.required` asks for.
-    #[error(
-        "real-time settings are required (--require-real-time, real_time.required) and refused: {0}; see all with daemon doctor"
-    )]
-    RealTime(String),
-}
-
-impl From<DomainError> for StartError {
-    fn from(error: DomainError) -> Self {
-        Self::Ports(error.into())
-    }
-}
-
-impl StartError {
-    /// Whether the command line or the configuration is wrong, and not the machine.
-    pub fn is_wrong_usage(&self) -> bool {
-        matches!(
-            self,
-            Self::Config(_)
-                | Self::Snapshot(SnapshotError::OtherDesign { .. } | SnapshotError::OtherVersion { .. })
-                | Self::Ports(PortsError::Service(ServiceError::InstanceName(_)))
-        )
-    }
-}
-
-/// Which files a service reads and writes; none by default.
-#[derive(Debug, Clone, Default, PartialEq, Eq)]
-pub struct ServiceFiles {
-    /// Directory of the snapshots; without it what is learned lives as long as the service.
-    pub state: Option<PathBuf>,
-    /// Begin anew; an old snapshot is set aside.
-    pub is_fresh: bool,
-    /// Flight record, appended to.
-    pub record: Option<PathBuf>,
-}
-
-impl ServiceFiles {
-    /// The snapshot of an instance: its domain is part of the name, so that instances of one name do not meet.
-    pub fn snapshot_in(state: &Path, domain: &Domain, instance: &str) -> PathBuf {
-        state.join(format!("{}{instance}.snapshot", domain.prefix()))
-    }
-}
-
-/// A running service: a loop thread, an attendant thread, and where files are written, a thread for each.
-#[derive(Debug)]
-pub struct Service {
-    domain: Domain,
-    claim: Option<InstanceClaim>,
-    snapshot_lock: Option<SnapshotLock>,
-    stop_loop: Arc<AtomicBool>,
-    stop_writers: Arc<AtomicBool>,
-    stop_attendant: Arc<AtomicBool>,
-    loop_thread: Option<JoinHandle<()>>,
-    writer_threads: Vec<JoinHandle<()>>,
-    attendant_thread: Option<JoinHandle<Status>>,
-}
-
-impl Service {
-    /// Starts the service of `instance` and returns once all its services exist.
-    ///
-    /// # Errors
-    /// The configuration or the snapshot is refused, the instance is taken, or shared memory or a file cannot be used;
-    /// nothing runs then.
-    pub fn start(
-        config: &ConfigFile,
-        domain: &Domain,
-        instance: &str,
-        files: &ServiceFiles,
-    ) -> Result<Self, StartError> {
-        let estimator = config.estimator()?;
-        check::local_solvers(&estimator).iter().for_each(|sentence| say!("{sentence}"));
-        check::unproven(config, &estimator).iter().for_each(|sentence| say!("warning: {sentence}"));
-        config.check_cores(&realtime::allowed_cores())?;
-        let config = config.config.clone();
-        check_instance_name(instance).map_err(PortsError::from)?;
-        if config.real_time.required {
-            // Before anything is made that others could see.
-            nothing_refused(&settings::try_out(&config.real_time))?;
-        }
-        // The threads started from here on inherit this; the loop moves to its own cores.
-        let _off_the_loop = OffTheLoop::of_calling_thread(&config.real_time)
-            .map_err(|refused| say!("warning: helpers stay on the loop's cores: {refused}"));
-        // From here on the snapshot, too, is ours alone.
-        let claim = domain.claim_instance(instance)?;
-
-        let mut engine = Engine::new(&config, estimator);
-        let snapshot = files.state.as_ref().map(|state| ServiceFiles::snapshot_in(state, domain, instance));
-        let snapshot_lock = snapshot.as_deref().map(SnapshotLock::take).transpose()?;
-        let (kept, restored) = match &snapshot {
-            Some(path) => snapshot::take_over(path, files.is_fresh, &config, &mut engine)?,
-            None => Default::default(),
-        };
-        let (snapshots, saver) =
-            snapshot::saver(snapshot, instance, &config, (engine.n_kept(), files.is_fresh));
-        let mut recorder_ring = RecorderRing::none();
-        let mut recorder = None;
-        let mut record_progress = None;
-        if let Some(path) = &files.record {
-            let session = Session::of(&config, instance, kept.as_ref());
-            let (ring, writer, progress) = record::recorder(path, &session, config.rate_hz)
-                .map_err(|cause| StartError::Record { path: path.display().to_string(), cause })?;
-            recorder_ring = ring;
-            (recorder, record_progress) = (Some(writer), Some(progress));
-        }
-        drop(kept);
-
-        let (records_in, records_out) = rtrb::RingBuffer::new(RECORDS);
-        let (commands_in, commands_out) = rtrb::RingBuffer::new(8);
-        let loop_rings =
-            LoopRings { records: records_in, commands: commands_out, recorder: recorder_ring, snapshots };
-        let (saver, saver_handle) = saver.unzip();
-        let attendant_rings = AttendantRings {
-            records: records_out,
-            commands: commands_in,
-            saver: saver_handle,
-            record_progress,
-        };
-
-        let mut service = Self {
-            domain: domain.clone(),
-            claim: Some(claim),
-            snapshot_lock,
-            stop_loop: Arc::default(),
-            stop_writers: Arc::default(),
-            stop_attendant: Arc::default(),
-            loop_thread: None,
-            writer_threads: Vec::new(),
-            attendant_thread: None,
-        };
-        let config_of_status = config.clone();
-        let real_time: Arc<OnceLock<Outcome>> = Arc::default();
-        let seen = Arc::clone(&real_time);
-        let stop = Arc::clone(&service.stop_attendant);
-        service.attendant_thread =
-            Some(spawn_with("attendant", domain, instance, AttendantPorts::make, move |ports| {
-                Attendant::new(ports, attendant_rings, &config_of_status, restored)
-                    .with_real_time(seen)
-                    .run(&stop)
-            })?);
-        if let Some(saver) = saver {
-            let stop = Arc::clone(&service.stop_writers);
-            service.writer_threads.push(spawn("saver", move || saver.run(&stop))?);
-        }
-        if let Some(recorder) = recorder {
-            let stop = Arc::clone(&service.stop_writers);
-            service.writer_threads.push(spawn("recorder", move || recorder.run(&stop))?);
-        }
-        let stop = Arc::clone(&service.stop_loop);
-        let (settled, settings) = mpsc::sync_channel(1);
-        let asked = config.real_time.clone();
-        let polls = config.trigger == Trigger::Sample;
-        service.loop_thread = Some(spawn_with("loop", domain, instance, LoopPorts::make, move |ports| {
-            let mut cycle = Cycle::new(engine, ports, loop_rings);
-            // Everything that a tick uses exists: it is all locked, and the priority is not spent on set-up.
-            let (outcome, _held) = settings::apply(&config.real_time);
-            let _ = settled.send(outcome);
-            cycle.run(&config, &stop);
-        })?);
-        let outcome = settings.recv().map_err(|_| StartError::Thread("loop"))?;
-        say_real_time(&asked, polls, &outcome);
-        if asked.required {
-            nothing_refused(&outcome)?;
-        }
-        let _ = real_time.set(outcome);
-        Ok(service)
-    }
-
-    /// Finishes the tick, writes down what was learned, takes the services away, and returns the last status.
-    pub fn stop(mut self) -> Status {
-        self.finish().unwrap_or_default()
-    }
-
-    /// Whether all threads still run; they end by themselves only by a defect.
-    pub fn is_running(&self) -> bool {
-        self.loop_thread.as_ref().is_some_and(|thread| !thread.is_finished())
-            && self.writer_threads.iter().all(|thread| !thread.is_finished())
-            && self.attendant_thread.as_ref().is_some_and(|thread| !thread.is_finished())
-    }
-
-    fn finish(&mut self) -> Option<Status> {
-        self.stop_loop.store(true, Ordering::Relaxed);
-        if let Some(thread) = self.loop_thread.take() {
-            let _ = thread.join();
-        }
-        // The writers end after the loop, which hands over what it has at last.
-        self.stop_writers.store(true, Ordering::Release);
-        let deadline = Instant::now() + WRITERS_PATIENCE;
-        for thread in self.writer_threads.drain(..) {
-            while !thread.is_finished() && Instant::now() < deadline {
-                std::thread::sleep(Duration::from_millis(2));
-            }
-            match thread.is_finished() {
-                true => drop(thread.join()),
-                false => say!(
-                    "warning: the {} does not come to an end: its disk hangs; what it had not written is lost",
-                    thread.thread().name().unwrap_or("writer")
-                ),
-            }
-        }
-        // The attendant ends last: its last status covers the last tick.
-        self.stop_attendant.store(true, Ordering::Relaxed);
-        let status = self.attendant_thread.take().and_then(|thread| thread.join().ok());
-        (self.claim, self.snapshot_lock) = (None, None);
-        // A domain still in use, or locked by a starting process, stays.
-        let _ = self.domain.remove_if_unused();
-        status
-    }
-}
-
-impl Drop for Service {
-    fn drop(&mut self) {
-        self.finish();
-    }
-}
-
-fn spawn(name: &'static str, work: impl FnOnce() + Send + 'static) -> Result<JoinHandle<()>, StartError> {
-    let thread = std::thread::Builder::new().name(format!("daemon-{name}")).spawn(work);
-    thread.map_err(|_| StartError::Thread(name))
-}
-
-fn nothing_refused(outcome: &Outcome) -> Result<(), StartError> {
-    let refused: Vec<_> = outcome.refused.iter().map(|(_, refused)| refused.to_string()).collect();
-    if refused.is_empty() { Ok(()) } else { Err(StartError::RealTime(refused.join("; "))) }
-}
-
-/// Says what was granted, and each refusal with its reason and remedy.
-fn say_real_time(asked: &RealTimeConfig, polls: bool, outcome: &Outcome) {
-    say!("real time: {}", outcome.found.join(", "));
-    let nothing = RealTimeConfig { required: true, ..RealTimeConfig::default() };
-    if *asked == nothing {
-        say!(
-            "warning: real-time settings are required, and [real_time] asks for none: punctual timers are all there is"
-        );
-    }
-    for (_, refused) in &outcome.refused {
-        say!("warning: real time: {refused}");
-    }
-    if asked.priority.is_some()
-        && polls
-        && let Some(found) = settings::throttling()
-    {
-        say!(
-            "warning: polling at a fixed priority, and {found}: the kernel may stop the loop for the rest; \
-              give it a core of its own, then sysctl -w kernel.sched_rt_runtime_us=-1"
-        );
-    }
-}
-
-/// Starts a thread that makes its ports itself, since they stay on the thread that makes them, and waits
-/// until it has.
-fn spawn_with<Ports: 'static, T: Send + Default + 'static>(
-    name: &'static str,
-    domain: &Domain,
-    instance: &str,
-    make: fn(&Domain, &str) -> Result<Ports, PortsError>,
-    work: impl FnOnce(Ports) -> T + Send + 'static,
-) -> Result<JoinHandle<T>, StartError> {
-    let (domain, instance) = (domain.clone(), instance.to_owned());
-    let (ready, made) = mpsc::sync_channel(1);
-    let thread = std::thread::Builder::new().name(format!("daemon-{name}")).spawn(move || {
-        match make(&domain, &instance) {
-            Ok(ports) => {
-                let _ = ready.send(Ok(()));
-                work(ports)
-            }
-            Err(error) => {
-                let _ = ready.send(Err(error));
-                T::default()
-            }
-        }
-    });
-    let thread = thread.map_err(|_| StartError::Thread(name))?;
-    made.recv().map_err(|_| StartError::Thread(name))??;
-    Ok(thread)
-}
+pub use service::{Service, ServiceFiles, StartError};

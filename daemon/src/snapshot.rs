@@ -17,7 +17,7 @@
 
 use crate::config::{Clock, Config};
 use crate::engine::{Engine, EngineState, Kept};
-use crate::say;
+use crate::log::say;
 use rustix::fs::{FlockOperation, OFlags, flock};
 use serde::{Deserialize, Serialize};
 use shared_types::clock::monotonic_ns;

@@ -65,7 +65,7 @@ fn a_configuration_gives_the_rate_and_its_settings_are_tried_out() {
     let domain = TestDomain::new();
     let config = common::preset_between("spin_us = 50.0", "[real_time]\ncores = [0]\npriority = 7");
     let config = config.path().to_str().unwrap();
-    if daemon::realtime::allowed_cores().contains(&0) {
+    if daemon::system::real_time::allowed_cores().contains(&0) {
         let found = document(daemon_command(&domain, &[&QUICK[..], &["--config", config]].concat()));
         assert_eq!(found["rate_hz"], 200.0);
         assert_eq!(found["spin_us"], 50.0);

@@ -55,7 +55,7 @@ fn threads(pid: u32) -> BTreeMap<String, Scheduling> {
 
 #[test]
 fn what_the_status_calls_granted_the_kernel_has() {
-    let allowed = daemon::realtime::allowed_cores();
+    let allowed = daemon::system::real_time::allowed_cores();
     let core = *allowed.last().unwrap();
     let config = asking(&format!("priority = 11\ncores = [{core}]\nlock_memory = true\nawake_cores = true"));
     let domain = TestDomain::new();
@@ -81,7 +81,7 @@ fn what_the_status_calls_granted_the_kernel_has() {
     }
     let locked = field(&fs::read_to_string(format!("/proc/{pid}/status")).unwrap(), "VmLck:");
     assert_eq!(locked != "0 kB", granted(bits::LOCKED_MEMORY), "{locked}");
-    assert!(granted(bits::LOCKED_MEMORY) || !daemon::realtime::has(CapabilitySet::IPC_LOCK));
+    assert!(granted(bits::LOCKED_MEMORY) || !daemon::system::real_time::has(CapabilitySet::IPC_LOCK));
 
     let text = finished(daemon_command(&domain, &["control", "status"]).output().unwrap()).1;
     let line = text.lines().find(|line| line.trim().starts_with("real time")).unwrap();
@@ -153,7 +153,7 @@ fn what_is_required_and_refused_starts_nothing() {
 
     // What anyone is granted may be required.
     let domain = TestDomain::new();
-    let core = daemon::realtime::allowed_cores()[0].to_string();
+    let core = daemon::system::real_time::allowed_cores()[0].to_string();
     let daemon = Daemon::start(&domain, &["--require-real-time", "--cores", &core]);
     domain.client();
     let (code, log) = daemon.stop();

@@ -23,7 +23,7 @@ pub use replay::{Difference, SessionReport, check};
 use crate::config::{Config, ConfigFile};
 use crate::cycle::MOST_SAMPLES_PER_TICK;
 use crate::engine::{Kept, LoopCommand};
-use crate::say;
+use crate::log::say;
 use rustix::fs::{FlockOperation, OFlags, fcntl_setfl, flock};
 use serde::{Deserialize, Serialize};
 use shared_types::payload::{Estimate, Measurement};

@@ -1,8 +1,8 @@
 //! The settings of `[real_time]`, applied to the loop's thread and read back: what the system says it grants
 //! is believed only if it is then so.
 
-use super::{
-    AwakeCores, Refused, allowed_cores, keep_cores_awake, lock_memory, locked_and_occupied_kb, refused,
+use super::real_time::{
+    self, AwakeCores, Refused, allowed_cores, keep_cores_awake, lock_memory, locked_and_occupied_kb, refused,
     scheduling, stay_on_cores, timer_slack_ns, unlock_memory, use_fifo, use_punctual_timers,
 };
 use crate::config::RealTimeConfig;
@@ -50,11 +50,11 @@ impl Outcome {
 /// What would help where a setting is refused, by its bit.
 pub fn remedy(bit: u64) -> &'static str {
     match bit {
-        bits::PRIORITY => super::FIFO_REMEDY,
-        bits::CORES => super::CORES_REMEDY,
-        bits::LOCKED_MEMORY => super::MEMORY_REMEDY,
-        bits::PUNCTUAL_TIMERS => super::TIMERS_REMEDY,
-        bits::AWAKE_CORES => super::AWAKE_REMEDY,
+        bits::PRIORITY => real_time::FIFO_REMEDY,
+        bits::CORES => real_time::CORES_REMEDY,
+        bits::LOCKED_MEMORY => real_time::MEMORY_REMEDY,
+        bits::PUNCTUAL_TIMERS => real_time::TIMERS_REMEDY,
+        bits::AWAKE_CORES => real_time::AWAKE_REMEDY,
         _ => "",
     }
 }
@@ -150,7 +150,9 @@ impl Drop for OffTheLoop {
 fn without_slack() -> Result<String, Refused> {
     match timer_slack_ns() {
         Some(0 | 1) => Ok("timers without slack".into()),
-        slack => Err(refused("timers without slack", format!("slack of {slack:?} ns"), super::TIMERS_REMEDY)),
+        slack => {
+            Err(refused("timers without slack", format!("slack of {slack:?} ns"), real_time::TIMERS_REMEDY))
+        }
     }
 }
 
@@ -163,7 +165,7 @@ fn exactly_on(cores: &[usize]) -> Result<String, Refused> {
         true => Ok(format!("on cores {found:?}")),
         false => {
             let asked = format!("run on cores {asked:?} only");
-            Err(refused(asked, format!("cores {found:?} were given"), super::CORES_REMEDY))
+            Err(refused(asked, format!("cores {found:?} were given"), real_time::CORES_REMEDY))
         }
     }
 }
@@ -176,7 +178,7 @@ fn locked() -> Result<String, Refused> {
         }
         found => {
             let found = format!("locked and occupied (kB): {found:?}");
-            Err(refused("lock all memory", found, super::MEMORY_REMEDY))
+            Err(refused("lock all memory", found, real_time::MEMORY_REMEDY))
         }
     }
 }
@@ -187,7 +189,7 @@ fn really_fifo(priority: u8) -> Result<String, Refused> {
         true => Ok(format!("SCHED_FIFO with priority {priority}")),
         false => {
             let asked = format!("SCHED_FIFO with priority {priority}");
-            Err(refused(asked, format!("the thread has {found:?}"), super::FIFO_REMEDY))
+            Err(refused(asked, format!("the thread has {found:?}"), real_time::FIFO_REMEDY))
         }
     }
 }

@@ -4,12 +4,12 @@
 use crate::config::Config;
 use crate::cycle::TickRecord;
 use crate::engine::LoopCommand;
+use crate::log::say;
 use crate::ports::AttendantPorts;
-use crate::realtime::settings::Outcome;
 use crate::record::RecorderProgress;
-use crate::say;
-use crate::service_manager::ServiceManager;
 use crate::snapshot::SaverHandle;
+use crate::system::service_manager::ServiceManager;
+use crate::system::settings::Outcome;
 use hdrhistogram::Histogram;
 use shared_types::clock::monotonic_ns;
 use shared_types::payload::{LatencySummary, Rejection, Reply, Status, command, outcome};

@@ -1,8 +1,8 @@
 //! What punctuality depends on, apart from memory: rights, cores, clock, kernel.
 
 use super::{Fact, Plan};
-use crate::machine;
-use crate::realtime::{self, settings};
+use crate::system::machine;
+use crate::system::{real_time, settings};
 use rustix::process::{Resource, getrlimit};
 use rustix::thread::CapabilitySet;
 use std::path::Path;
@@ -37,12 +37,12 @@ fn read(path: impl AsRef<Path>) -> Option<String> {
 fn scheduling_right(priority: u8) -> Fact {
     const NAME: &str = "scheduling right";
     let source = match getrlimit(Resource::Rtprio).current {
-        _ if realtime::has(CapabilitySet::SYS_NICE) => "CAP_SYS_NICE".to_owned(),
+        _ if real_time::has(CapabilitySet::SYS_NICE) => "CAP_SYS_NICE".to_owned(),
         Some(limit) => format!("RLIMIT_RTPRIO is {limit}"),
         None => "RLIMIT_RTPRIO is unlimited".into(),
     };
     // Tried, in a thread that ends with it.
-    let tried = std::thread::spawn(move || realtime::use_fifo(priority)).join();
+    let tried = std::thread::spawn(move || real_time::use_fifo(priority)).join();
     match tried {
         Ok(Ok(())) => Fact::good(NAME, format!("SCHED_FIFO {priority} granted; {source}")),
         Ok(Err(refused)) => Fact::better(
@@ -57,7 +57,7 @@ fn scheduling_right(priority: u8) -> Fact {
 fn locked_memory_limit() -> Fact {
     const NAME: &str = "locked memory";
     match getrlimit(Resource::Memlock).current {
-        _ if realtime::has(CapabilitySet::IPC_LOCK) => Fact::good(NAME, "unlimited (CAP_IPC_LOCK)"),
+        _ if real_time::has(CapabilitySet::IPC_LOCK) => Fact::good(NAME, "unlimited (CAP_IPC_LOCK)"),
         None => Fact::good(NAME, "unlimited"),
         Some(limit) => Fact::better(
             NAME,
@@ -69,7 +69,7 @@ fn locked_memory_limit() -> Fact {
 
 fn cores() -> Fact {
     const NAME: &str = "cores";
-    let allowed = realtime::allowed_cores();
+    let allowed = real_time::allowed_cores();
     let online = read("/sys/devices/system/cpu/online").unwrap_or_else(|| "unknown".into());
     let found = format!("this process may use {allowed:?}; online: {online}");
     match allowed.len() {
@@ -103,7 +103,7 @@ fn isolated_cores() -> Fact {
 
 fn governor() -> Fact {
     const NAME: &str = "frequency governor";
-    let mut found: Vec<_> = realtime::allowed_cores()
+    let mut found: Vec<_> = real_time::allowed_cores()
         .into_iter()
         .filter_map(|core| read(format!("/sys/devices/system/cpu/cpu{core}/cpufreq/scaling_governor")))
         .collect();
@@ -259,7 +259,7 @@ fn awake_cores() -> Fact {
         0 => "no idle states known to the kernel".to_owned(),
         n => format!("{n} idle states"),
     };
-    match realtime::keep_cores_awake() {
+    match real_time::keep_cores_awake() {
         Ok(_request) => Fact::good(NAME, format!("{found}; /dev/cpu_dma_latency granted")),
         Err(refused) if states == 0 => Fact::good(NAME, format!("{found}; {}", refused.found)),
         Err(refused) => Fact::better(

@@ -2,10 +2,11 @@
 //! the machine hits them alike; each turn is a thread of its own, with whose end its settings are gone.
 
 use super::Plan;
-use crate::attendant::Latency;
 use crate::config::RealTimeConfig;
 use crate::cycle::{skip_missed, wait_for_deadline};
-use crate::realtime::{settings, stay_on_cores};
+use crate::system::real_time::stay_on_cores;
+use crate::system::settings;
+use crate::threads::housekeeping::Latency;
 use serde::Serialize;
 use shared_types::LatencySummary;
 use shared_types::clock::monotonic_ns;

@@ -11,8 +11,9 @@ mod memory;
 
 use crate::cli::PlaceArguments;
 use crate::config::{ConfigFile, PRESETS, RealTimeConfig};
-use crate::realtime::settings;
-use crate::{machine, say};
+use crate::log::say;
+use crate::system::machine;
+use crate::system::settings;
 use comfy_table::{CellAlignment, Table, presets::NOTHING};
 use lateness::LatenessRow;
 use serde::Serialize;
@@ -187,7 +188,7 @@ pub(crate) fn run(arguments: &DoctorArguments) -> anyhow::Result<()> {
 /// Whether this machine grants what a configuration asks for.
 fn asked_for(file: &ConfigFile, asked: &RealTimeConfig) -> Fact {
     const NAME: &str = "settings of the configuration";
-    if let Err(error) = file.check_cores(&crate::realtime::allowed_cores()) {
+    if let Err(error) = file.check_cores(&crate::system::real_time::allowed_cores()) {
         return Fact::bad(NAME, error.to_string(), "change that key: daemon run refuses it on this machine");
     }
     let outcome = settings::try_out(asked);

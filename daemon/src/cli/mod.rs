@@ -4,9 +4,12 @@
 //! configuration.
 
 use crate::config::{ConfigError, ConfigFile, PRESETS, reference};
-use crate::realtime::settings::{self, OffTheLoop};
+use crate::log::say;
+use crate::service::{Service, ServiceFiles, StartError};
 use crate::snapshot::{Snapshot, SnapshotError};
-use crate::{Service, ServiceFiles, StartError, check, doctor, say, service_manager, snapshot};
+use crate::system::settings::{self, OffTheLoop};
+use crate::system::{doctor, service_manager};
+use crate::{check, snapshot};
 use anyhow::Context;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use comfy_table::{Table, presets::NOTHING};

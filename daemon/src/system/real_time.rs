@@ -4,8 +4,6 @@
 //! Nothing here is needed for a correct estimate, only for a punctual one: each call says what was refused,
 //! why, and what would help, and the caller goes on without it.
 
-pub mod settings;
-
 use rustix::mm::{MlockAllFlags, mlockall, munlockall};
 use rustix::process::{Resource, getrlimit};
 use rustix::thread::{
@@ -20,13 +18,14 @@ use thread_priority::{
     set_thread_priority_and_policy, thread_native_id, thread_schedule_policy_param,
 };
 
-const CORES_REMEDY: &str = "see the cores of this process with taskset -p, of the machine with lscpu";
-const FIFO_REMEDY: &str =
+pub(super) const CORES_REMEDY: &str =
+    "see the cores of this process with taskset -p, of the machine with lscpu";
+pub(super) const FIFO_REMEDY: &str =
     "needed: root, CAP_SYS_NICE, or a limit (ulimit -r, LimitRTPRIO= of systemd) of that";
-const TIMERS_REMEDY: &str = "nothing to do: waits may end 50 µs later";
-const MEMORY_REMEDY: &str =
+pub(super) const TIMERS_REMEDY: &str = "nothing to do: waits may end 50 µs later";
+pub(super) const MEMORY_REMEDY: &str =
     "needed: root, CAP_IPC_LOCK, or ulimit -l unlimited (LimitMEMLOCK=infinity of systemd)";
-const AWAKE_REMEDY: &str = "needed: read and write permission on that file, by default root's";
+pub(super) const AWAKE_REMEDY: &str = "needed: read and write permission on that file, by default root's";
 
 /// A wish that the system did not grant.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
@@ -40,7 +39,7 @@ pub struct Refused {
     pub remedy: &'static str,
 }
 
-fn refused(asked: impl Into<String>, found: impl ToString, remedy: &'static str) -> Refused {
+pub(super) fn refused(asked: impl Into<String>, found: impl ToString, remedy: &'static str) -> Refused {
     Refused { asked: asked.into(), found: found.to_string(), remedy }
 }
 
