@@ -6,7 +6,7 @@ use crate::cycle::TickRecord;
 use crate::engine::LoopCommand;
 use crate::ports::AttendantPorts;
 use crate::realtime::settings::Outcome;
-use crate::record::RecorderProgress;
+use crate::recorder::RecorderProgress;
 use crate::say;
 use crate::service_manager::ServiceManager;
 use crate::snapshot::SaverHandle;

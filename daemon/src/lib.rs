@@ -20,7 +20,8 @@
 //! | [`ports`] | the iceoryx2 ports of the service |
 //! | [`realtime`] | what a thread asks of the system so that it is on time |
 //! | [`snapshot`] | what was learned, in a file; resumed at the start |
-//! | [`record`] | the flight record, and its replay to the same bits |
+//! | [`recorder`] | the flight record, written beside the loop |
+//! | [`replay`] | a flight record, replayed to the same bits |
 //! | [`attendant`] | status, commands, log |
 //! | [`service_manager`] | what systemd is told |
 //! | [`doctor`] | what this machine grants, measured |
@@ -43,7 +44,8 @@ pub mod gate;
 pub mod machine;
 pub mod ports;
 pub mod realtime;
-pub mod record;
+pub mod recorder;
+pub mod replay;
 pub mod service_manager;
 pub mod snapshot;
 
@@ -60,7 +62,7 @@ use cycle::{Cycle, LoopRings};
 use engine::Engine;
 use ports::{AttendantPorts, LoopPorts, PortsError};
 use realtime::settings::{self, OffTheLoop, Outcome};
-use record::{RecorderRing, Session};
+use recorder::RecorderRing;
 use shared_types::domain::InstanceClaim;
 use shared_types::service::{ServiceError, check_instance_name};
 use shared_types::{Domain, DomainError, Status};
@@ -199,9 +201,10 @@ impl Service {
         let mut recorder = None;
         let mut record_progress = None;
         if let Some(path) = &files.record {
-            let session = Session::of(&config, instance, kept.as_ref());
-            let (ring, writer, progress) = record::recorder(path, &session, config.rate_hz)
-                .map_err(|cause| StartError::Record { path: path.display().to_string(), cause })?;
+            let session = recorder::session(&config, instance, kept.as_ref());
+            let (ring, writer, progress) =
+                recorder::recorder(path, &session, config.rate_hz, cycle::MOST_SAMPLES_PER_TICK)
+                    .map_err(|cause| StartError::Record { path: path.display().to_string(), cause })?;
             recorder_ring = ring;
             (recorder, record_progress) = (Some(writer), Some(progress));
         }
