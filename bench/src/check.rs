@@ -2,7 +2,8 @@
 
 use anyhow::{Context, bail, ensure};
 use comfy_table::{Table, presets::UTF8_FULL_CONDENSED};
-use daemon::record::{self, Reader, SessionReport};
+use daemon::replay::{self, SessionReport};
+use flight_record::Reader;
 use serde::Serialize;
 use shared_types::{logln, outln};
 use std::path::Path;
@@ -20,7 +21,7 @@ struct Document {
 pub(crate) fn run(file: &Path, json: bool) -> anyhow::Result<()> {
     let name = file.display().to_string();
     let mut reader = Reader::open(file).with_context(|| name.clone())?;
-    let sessions = record::check(&mut reader).with_context(|| name.clone())?;
+    let sessions = replay::check(&mut reader).with_context(|| name.clone())?;
     let n_same: u64 = sessions.iter().map(|session| session.ticks_same).sum();
     let same = n_same > 0 && sessions.iter().all(|session| session.difference.is_none());
     let document = Document { file: name, same, torn_bytes: reader.torn_bytes(), sessions };

@@ -5,7 +5,8 @@ use anyhow::Context;
 use clap::Args;
 use daemon::config::ConfigFile;
 use daemon::gate::sample_of;
-use daemon::record::{Frame, Reader};
+use daemon::replay::config_of;
+use flight_record::{Frame, Reader};
 use sim_publisher::{Format, ImportOptions, read_flight, say_findings};
 use std::path::{Path, PathBuf};
 
@@ -75,7 +76,7 @@ fn configuration_of_record(path: &Path) -> anyhow::Result<ConfigFile> {
     let mut reader = Reader::open(path).with_context(|| format!("cannot read '{name}'"))?;
     while let Some(frame) = reader.next_frame()? {
         if let Frame::Session(session) = frame {
-            return Ok(session.config_file()?);
+            return Ok(config_of(&session)?);
         }
     }
     anyhow::bail!("'{name}' holds no session; needed: a file of `daemon run --record`")

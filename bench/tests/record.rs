@@ -65,7 +65,7 @@ fn a_minute_with_dropouts_and_a_restart_replays_to_the_bit() {
     }
 
     // A bit of one sample changed, sums and all, is found, and where.
-    let mut reader = daemon::record::Reader::open(&record).unwrap();
+    let mut reader = flight_record::Reader::open(&record).unwrap();
     while reader.next_frame().unwrap().is_some() {}
     let bytes = std::fs::read(&record).unwrap();
     let changed = files.path().join("changed.rec");
@@ -85,14 +85,14 @@ fn with_one_bit_changed(bytes: &[u8]) -> Vec<u8> {
     loop {
         let length = u32::from_le_bytes(changed[place..place + 4].try_into().unwrap()) as usize;
         let frame = &mut changed[place + 8..place + 8 + length];
-        if let Ok(daemon::record::Frame::Entry(entry)) = postcard::from_bytes(frame)
-            && let daemon::record::Entry::Sample { source, mut measurement } = *entry
+        if let Ok(flight_record::Frame::Entry(entry)) = postcard::from_bytes(frame)
+            && let flight_record::Entry::Sample { source, mut measurement } = *entry
         {
             samples += 1;
             if samples == 2000 {
                 measurement.velocity_m_s[0] = f64::from_bits(measurement.velocity_m_s[0].to_bits() ^ 1);
-                let entry = daemon::record::Entry::Sample { source, measurement };
-                let new = postcard::to_allocvec(&daemon::record::Frame::Entry(Box::new(entry))).unwrap();
+                let entry = flight_record::Entry::Sample { source, measurement };
+                let new = postcard::to_allocvec(&flight_record::Frame::Entry(Box::new(entry))).unwrap();
                 frame.copy_from_slice(&new);
                 let sum = crc32fast::hash(&new);
                 changed[place + 4..place + 8].copy_from_slice(&sum.to_le_bytes());

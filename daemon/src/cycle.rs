@@ -9,8 +9,9 @@
 use crate::config::{Config, Trigger};
 use crate::engine::{Counters, Engine, LoopCommand};
 use crate::ports::LoopPorts;
-use crate::record::{Entry, RecorderRing};
 use crate::snapshot::SnapshotRing;
+use crate::threads::recorder::RecorderRing;
+use flight_record::Entry;
 use shared_types::clock::{monotonic_ns, sleep_until_ns};
 use shared_types::payload::{Measurement, status_bits};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -201,7 +202,7 @@ impl Cycle {
 
     fn keep_good_copy(&mut self) {
         self.engine.keep_good_copy();
-        self.rings.recorder.push(|| Entry::Kept);
+        self.rings.recorder.push(|| Entry::Checkpoint);
     }
 
     /// After the last tick: hands over what is known now, whatever was being read.

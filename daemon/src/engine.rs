@@ -1,13 +1,14 @@
 //! All that decides an estimate, with neither clock nor port: gate, observers, guards, deadline policy, counters.
 //!
 //! What goes in are samples, commands and instants. The same ones give the same estimates to the bit, so a record of
-//! them replays ([`crate::record`]), and what is kept of an engine resumes in another one ([`crate::snapshot`]).
+//! them replays ([`crate::replay`]), and what is kept of an engine resumes in another one ([`crate::snapshot`]).
 //!
 //! A tick is [`Engine::begin`], [`Engine::take`] for each sample, [`Engine::conclude`]: no allocation, no system call.
 
 use crate::config::{Clock, Config, DeadlineConfig, InputConfig};
 use crate::estimator::{ChannelName, Estimator, EstimatorState, VehicleEstimate};
 use crate::gate::{Accepted, Gate, GateState};
+pub use flight_record::LoopCommand;
 use observer::{ChannelReport, Doubt};
 use serde::{Deserialize, Serialize};
 use shared_types::payload::{Channel, Estimate, Measurement, Rejection, status_bits};
@@ -54,17 +55,6 @@ pub struct Counters {
     pub records_dropped: u64,
     /// Ticks that found the ring to the flight record full.
     pub ticks_not_recorded: u64,
-}
-
-/// What an operator asks of the loop.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-pub enum LoopCommand {
-    /// Forget state and weights.
-    Reset,
-    /// Stop learning.
-    Freeze,
-    /// Learn again.
-    Thaw,
 }
 
 /// All that an engine's future depends on, beside what it learned.

@@ -19,7 +19,7 @@
 //! | [`cycle`] | the tick |
 //! | [`ports`] | the iceoryx2 ports of the service |
 //! | [`snapshot`] | what was learned, in a file; resumed at the start |
-//! | [`record`] | the flight record, and its replay to the same bits |
+//! | [`replay`] | a flight record, replayed to the same bits |
 //! | [`threads`] | the threads beside the loop |
 //! | [`system`] | what the service asks of the machine |
 //! | [`service`] | starting and stopping all of it |
@@ -38,7 +38,7 @@ pub mod estimator;
 pub mod gate;
 mod log;
 pub mod ports;
-pub mod record;
+pub mod replay;
 pub mod service;
 pub mod snapshot;
 pub mod system;

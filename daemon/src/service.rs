@@ -6,11 +6,11 @@ use crate::cycle::{Cycle, LoopRings};
 use crate::engine::Engine;
 use crate::log::say;
 use crate::ports::{AttendantPorts, LoopPorts, PortsError};
-use crate::record::{self, RecorderRing, Session};
 use crate::snapshot::{self, SnapshotError, SnapshotLock};
 use crate::system::real_time::allowed_cores;
 use crate::system::settings::{self, OffTheLoop, Outcome};
 use crate::threads::housekeeping::{Attendant, AttendantRings};
+use crate::threads::recorder::{self, RecorderRing};
 use shared_types::domain::InstanceClaim;
 use shared_types::service::{ServiceError, check_instance_name};
 use shared_types::{Domain, DomainError, Status};
@@ -148,9 +148,10 @@ impl Service {
         let mut recorder = None;
         let mut record_progress = None;
         if let Some(path) = &files.record {
-            let session = Session::of(&config, instance, kept.as_ref());
-            let (ring, writer, progress) = record::recorder(path, &session, config.rate_hz)
-                .map_err(|cause| StartError::Record { path: path.display().to_string(), cause })?;
+            let session = recorder::session(&config, instance, kept.as_ref());
+            let (ring, writer, progress) =
+                recorder::recorder(path, &session, config.rate_hz, crate::cycle::MOST_SAMPLES_PER_TICK)
+                    .map_err(|cause| StartError::Record { path: path.display().to_string(), cause })?;
             recorder_ring = ring;
             (recorder, record_progress) = (Some(writer), Some(progress));
         }

@@ -8,8 +8,8 @@ use daemon::config::ConfigFile;
 use daemon::cycle::{Cycle, LoopRings, WakeUp};
 use daemon::engine::Engine;
 use daemon::ports::LoopPorts;
-use daemon::record::{Session, recorder};
 use daemon::snapshot::{Snapshot, saver};
+use daemon::threads::recorder::{recorder, session};
 use shared_types::Measurement;
 use shared_types::clock::monotonic_ns;
 use std::sync::Arc;
@@ -33,8 +33,8 @@ fn ticks_of_a_service_allocate_nothing(preset: &str) {
     let path = files.path().join("vehicle.snapshot");
     let (snapshots, saver) = saver(Some(path.clone()), "vehicle", &file.config, (engine.n_kept(), false));
     let (saver, handle) = saver.unwrap();
-    let session = Session::of(&file.config, "vehicle", None);
-    let (ring, recorder, recorded) = recorder(&files.path().join("flight"), &session, 1000.0).unwrap();
+    let session = session(&file.config, "vehicle", None);
+    let (ring, recorder, recorded) = recorder(&files.path().join("flight"), &session, 1000.0, 256).unwrap();
     let stop = Arc::new(AtomicBool::new(false));
     let (until, also_until) = (Arc::clone(&stop), Arc::clone(&stop));
     let writers = [

@@ -2,7 +2,7 @@
 //! time or source.
 
 use super::{Collector, ImportError, RecordedFlight};
-use daemon::record::{Entry, Frame, Reader};
+use flight_record::{Entry, Frame, Reader};
 use std::io::Cursor;
 
 pub(super) fn parse(bytes: &[u8], path: &str) -> Result<RecordedFlight, ImportError> {
@@ -19,7 +19,7 @@ pub(super) fn parse(bytes: &[u8], path: &str) -> Result<RecordedFlight, ImportEr
                     flight.add(n_samples, i128::from(measurement.stamp_ns), measurement);
                 }
                 Entry::Missing(ticks) => ticks_left_out += ticks,
-                Entry::Begin { .. } | Entry::Estimate(_) | Entry::Command(_) | Entry::Kept => {}
+                Entry::Begin { .. } | Entry::Estimate(_) | Entry::Command(_) | Entry::Checkpoint => {}
             },
         }
     }
@@ -41,22 +41,20 @@ pub(super) fn parse(bytes: &[u8], path: &str) -> Result<RecordedFlight, ImportEr
 #[cfg(test)]
 mod tests {
     use super::*;
-    use daemon::config::ConfigFile;
-    use daemon::record::{Session, recorder};
+    use flight_record::{Session, Writer};
     use shared_types::Measurement;
-    use std::sync::atomic::AtomicBool;
 
     /// A record of one session with these samples.
     fn record(samples: &[Measurement]) -> Vec<u8> {
         let directory = tempfile::tempdir().unwrap();
         let path = directory.path().join("flight.rec");
-        let session = Session::of(&ConfigFile::preset("auv").unwrap().config, "vehicle", None);
-        let (mut ring, recorder, _) = recorder(&path, &session, 200.0).unwrap();
+        let [program_version, instance, config, vector_unit] = [(); 4].map(|()| String::new());
+        let session = Session { program_version, instance, config, vector_unit, checkpoint: None };
+        let mut writer = Writer::append(&path, &session).unwrap();
         for &measurement in samples {
-            ring.begin_tick(&Entry::Begin { wake_ns: measurement.stamp_ns, late_ticks_in_a_row: 0 });
-            ring.push(|| Entry::Sample { source: 7, measurement });
+            writer.push(&Entry::Sample { source: 7, measurement }).unwrap();
         }
-        recorder.run(&AtomicBool::new(true));
+        writer.flush().unwrap();
         std::fs::read(path).unwrap()
     }
 

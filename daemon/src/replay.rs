@@ -1,8 +1,8 @@
 //! Replay of a flight record: the same engine, the same samples and instants, and every published estimate compared.
 
-use super::{Entry, Frame, Reader, Session};
-use crate::config::ConfigError;
+use crate::config::{ConfigError, ConfigFile};
 use crate::engine::Engine;
+use flight_record::{Entry, Frame, Reader, Session};
 use serde::Serialize;
 use shared_types::payload::Estimate;
 use std::io::{Read, Seek};
@@ -14,9 +14,7 @@ pub enum ReplayError {
     #[error("{0}")]
     Io(#[from] std::io::Error),
     /// The file has no session.
-    #[error(
-        "no session in it: it is no flight record of this version; needed: a file of `daemon run --record FILE`"
-    )]
+    #[error("no session in it: it is no flight record; needed: a file of `daemon run --record FILE`")]
     NoSession,
     /// A session's configuration is not understood.
     #[error("recorded by version {program_version}: {cause}")]
@@ -26,9 +24,9 @@ pub enum ReplayError {
         /// What is wrong with it.
         cause: ConfigError,
     },
-    /// What a session started with does not fit its configuration.
+    /// The checkpoint that a session was resumed from does not fit its configuration.
     #[error("the session began with {0}")]
-    Kept(String),
+    Checkpoint(String),
 }
 
 /// Where a replay first differs.
@@ -71,6 +69,14 @@ pub struct SessionReport {
     pub difference: Option<Difference>,
 }
 
+/// The configuration of a session.
+///
+/// # Errors
+/// As [`ConfigFile::parse`]: it was written by another version.
+pub fn config_of(session: &Session) -> Result<ConfigFile, ConfigError> {
+    ConfigFile::parse("the record's configuration".into(), session.config.clone())
+}
+
 /// A session that is being replayed.
 struct Replay {
     engine: Engine,
@@ -107,16 +113,18 @@ impl Replay {
     fn of(session: &Session) -> Result<Self, ReplayError> {
         let config_error =
             |cause| ReplayError::Config { program_version: session.program_version.clone(), cause };
-        let file = session.config_file().map_err(config_error)?;
+        let file = config_of(session).map_err(config_error)?;
         let mut engine = Engine::new(&file.config, file.estimator().map_err(config_error)?);
-        if let Some(kept) = &session.kept {
-            engine.resume(kept).map_err(ReplayError::Kept)?;
+        if let Some(bytes) = &session.checkpoint {
+            let unreadable = |_| ReplayError::Checkpoint("a checkpoint of another program version".into());
+            let kept = postcard::from_bytes(bytes).map_err(unreadable)?;
+            engine.resume(&kept).map_err(ReplayError::Checkpoint)?;
         }
         let report = SessionReport {
             instance: session.instance.clone(),
             program_version: session.program_version.clone(),
             vector_unit: session.vector_unit.clone(),
-            resumed: session.kept.is_some(),
+            resumed: session.checkpoint.is_some(),
             ..SessionReport::default()
         };
         Ok(Self { engine, report, is_checked: true, first_wake_ns: None })
@@ -135,7 +143,7 @@ impl Replay {
             }
             Entry::Estimate(recorded) => self.compare(recorded),
             Entry::Command(command) => self.engine.carry_out(*command),
-            Entry::Kept => self.engine.keep_good_copy(),
+            Entry::Checkpoint => self.engine.keep_good_copy(),
             Entry::Missing(ticks) => {
                 self.report.ticks_missing = self.report.ticks_missing.saturating_add(*ticks);
                 self.is_checked = false;
@@ -148,7 +156,7 @@ impl Replay {
             self.report.ticks_unchecked += 1;
             return;
         }
-        // When it was published is the clock's affair.
+        // The time of publication comes from the clock.
         let replayed = Estimate { publish_stamp_ns: recorded.publish_stamp_ns, ..self.engine.conclude() };
         match difference(recorded, &replayed) {
             None => self.report.ticks_same += 1,

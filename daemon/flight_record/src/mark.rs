@@ -1,0 +1,24 @@
+//! The bytes before each session. They hold the version of the layout.
+
+use std::io;
+
+/// Version of the layout. Since 2 a session holds its checkpoint as bytes of their own.
+pub const VERSION: u8 = 2;
+/// Read as a length, the first four bytes exceed that of any frame. The digit is [`VERSION`].
+pub const MARK: &[u8; 16] = b"\xff\xff\xff\xffflight-rec2\n";
+/// Where the version's digit stands.
+const DIGIT: usize = 14;
+
+/// # Errors
+/// These bytes are the mark of a record of another version.
+pub(crate) fn check_version(bytes: &[u8]) -> io::Result<()> {
+    let is_record = bytes.len() == MARK.len() && bytes[..DIGIT] == MARK[..DIGIT] && bytes[15] == MARK[15];
+    let version =
+        bytes.get(DIGIT).filter(|digit| is_record && digit.is_ascii_digit() && **digit != MARK[DIGIT]);
+    version.map_or(Ok(()), |digit| {
+        Err(io::Error::other(format!(
+            "it is a flight record of version {}; needed: version {VERSION}, or the program that wrote it",
+            char::from(*digit)
+        )))
+    })
+}
