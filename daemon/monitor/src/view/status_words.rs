@@ -1,7 +1,7 @@
 //! What the status means and what to do about it, in plain English.
 
-use crate::format::{duration, duration_ns, utc};
 use crate::model::{Model, Part, Presence};
+use crate::view::format::{duration, duration_ns, utc};
 use shared_types::Status;
 use shared_types::payload::{real_time, restored, status_bits as bits};
 
