@@ -3,8 +3,9 @@
 use monitor::link::News;
 use monitor::model::Model;
 use monitor::view::draw::draw;
+use monitor::view::notes::Now;
 use monitor::view::state::View;
-use monitor::view::status_words::{Level, Now};
+use monitor::view::status_words::Level;
 use monitor::view::theme::Theme;
 use ratatui::Terminal;
 use ratatui::backend::TestBackend;

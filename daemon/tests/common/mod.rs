@@ -1,6 +1,6 @@
 //! The daemon as a real process: what these tests add to `testkit`.
 
-#![allow(dead_code, unreachable_pub)] // each test file uses its part
+#![allow(dead_code, unused_imports, unreachable_pub)] // each test file uses its part
 
 use std::process::{Child, Command, Output};
 use testkit::{Ended, Process, Program};

@@ -7,13 +7,13 @@ use crate::model::history::BUCKET_NS;
 use crate::model::{Model, Part, Presence, Vector};
 use crate::view::format::{cut, number};
 use crate::view::keys::draw_bottom;
+use crate::view::notes::Now;
 use crate::view::pictures::{HISTOGRAM_COLUMNS, draw_histogram, draw_trace, range};
 use crate::view::sections::{
     LABEL, TRUST_COLUMNS, heading, latency_lines, note_lines, sample_lines, service_lines, state_lines,
     trust_lines, truth_text, vectors_of, verdict_line,
 };
 use crate::view::state::View;
-use crate::view::status_words::Now;
 use crate::view::theme::Theme;
 use ratatui::Frame;
 use ratatui::layout::Rect;

@@ -5,7 +5,8 @@
 //! | module | holds |
 //! |---|---|
 //! | [`mod@format`] | numbers and times in few characters |
-//! | [`status_words`] | what each word of the status means, and what to do about it; the verdict |
+//! | [`status_words`] | what each word of the status means, and what to do about it |
+//! | [`notes`] | all there is to know now, counts included; the verdict |
 //! | [`theme`] | colours |
 //! | [`sections`] | the view as lines of text |
 //! | [`state`] | what the operator has chosen to see |
@@ -17,6 +18,7 @@
 pub mod draw;
 pub mod format;
 pub mod keys;
+pub mod notes;
 pub mod pictures;
 pub mod screen;
 pub mod sections;

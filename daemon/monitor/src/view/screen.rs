@@ -6,8 +6,9 @@
 use crate::link::{Link, News, Whence};
 use crate::model::Model;
 use crate::view::draw::draw;
+use crate::view::notes::{Now, verdict};
 use crate::view::state::View;
-use crate::view::status_words::{Level, Now, verdict};
+use crate::view::status_words::Level;
 use crate::view::theme::Theme;
 use anyhow::Context;
 use ratatui::DefaultTerminal;

@@ -2,7 +2,8 @@
 
 use crate::model::{Model, Part, Presence, Vector};
 use crate::view::format::{cut, duration, duration_ns, magnitude, micros, number, running, wrapped};
-use crate::view::status_words::{Level, Note, Now, notes, verdict};
+use crate::view::notes::{Note, Now, notes, verdict};
+use crate::view::status_words::Level;
 use crate::view::theme::Theme;
 use ratatui::text::{Line, Span};
 use shared_types::payload::{LatencySummary, real_time, restored, status_bits};

@@ -1,9 +1,12 @@
-//! What the status means and what to do about it, in plain English.
+//! What each word of an estimate's status means to the operator, and what to do about it: one row a word.
+//!
+//! What sets a bit is said at the bit ([`shared_types::payload::status_bits`]); counts, the service's start and the
+//! verdict of all of it are in [`notes`](crate::view::notes).
 
-use crate::model::{Model, Part, Presence};
-use crate::view::format::{duration, duration_ns, utc};
+use crate::model::{Model, Part};
+use crate::view::format::{duration, duration_ns};
 use shared_types::Status;
-use shared_types::payload::{real_time, restored, status_bits as bits};
+use shared_types::payload::status_bits as bits;
 
 /// How bad it is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -18,275 +21,104 @@ pub enum Level {
     Alarm,
 }
 
-/// One thing to know.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Note {
-    /// How bad it is.
-    pub level: Level,
-    /// The word of the status, or what it is about.
-    pub word: &'static str,
+/// When a word is shown.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Shown {
+    /// While the newest estimate has the bit.
+    Now,
+    /// While an estimate of the last two seconds has it: a bit of a single estimate could not be read.
+    Lately,
+}
+
+/// A word of the status.
+struct Word {
+    bit: u64,
+    level: Level,
+    shown: Shown,
+    /// With one of these bits in the newest estimate it would say nothing new.
+    unless: u64,
     /// What it means, and what to do.
-    pub text: String,
+    text: fn(&Model) -> String,
 }
 
-/// The instant of a view.
-#[derive(Debug, Clone, Copy)]
-pub struct Now {
-    /// CLOCK_MONOTONIC (ns).
-    pub monotonic_ns: u64,
-    /// Seconds since 1970, UTC.
-    pub unix_s: u64,
+const fn word(bit: u64, level: Level, shown: Shown, unless: u64, text: fn(&Model) -> String) -> Word {
+    Word { bit, level, shown, unless, text }
 }
 
-impl Now {
-    /// The time of the day of an instant before.
-    fn time_of(self, at_ns: u64) -> String {
-        utc(self.unix_s.saturating_sub(self.monotonic_ns.saturating_sub(at_ns) / 1_000_000_000))
-    }
-}
+use Level::{Alarm, Caution, Info};
+use Shown::{Lately, Now};
 
-/// In one line: may one fly on this?
-pub fn verdict(model: &Model, now: Now) -> (Level, String) {
-    if let Presence::Away { since_ns, .. } = &model.presence {
-        let since = now.time_of(*since_ns);
-        let for_s = duration_ns(now.monotonic_ns.saturating_sub(*since_ns));
-        return match model.estimate {
-            Some(_) => (
-                Level::Alarm,
-                format!("DO NOT FLY ON THIS: the service is away since {since} ({for_s}), waiting"),
-            ),
-            None => (Level::Alarm, format!("NO SERVICE yet; waiting since {since} ({for_s})")),
-        };
-    }
-    let Some(estimate) = model.estimate else {
-        return (Level::Alarm, "looking for the service".into());
-    };
-    let has = |bit: u64| estimate.status & bit != 0;
-    let learning = match () {
-        () if has(bits::FROZEN) => "learning is frozen",
-        () if model.recent_bits() & bits::ADAPTING != 0 => "learning",
-        () => "nothing to learn now",
-    };
-    let why_not = [
-        (bits::INVALID, "the loop is late"),
-        (bits::WAITING, "no sample yet"),
-        (bits::STALE, "no sample comes"),
-    ];
-    if let Some((_, why)) = why_not.into_iter().find(|&(bit, _)| has(bit)) {
-        return (Level::Alarm, format!("DO NOT FLY ON THIS: {why}"));
-    }
-    if has(bits::COASTING | bits::PREDICT_ONLY) {
-        return (Level::Caution, "COASTING: predicting with what was learned".into());
-    }
-    match notes(model, now).iter().map(|note| note.level).max() {
-        Some(Level::Alarm | Level::Caution) => {
-            (Level::Caution, format!("TRACKING, {learning}; but see below"))
-        }
-        _ => (Level::Good, format!("TRACKING, {learning}")),
-    }
-}
-
-/// All there is to know, the worst first.
-pub fn notes(model: &Model, now: Now) -> Vec<Note> {
-    let mut notes = Vec::new();
-    let mut note = |level: Level, word: &'static str, text: String| notes.push(Note { level, word, text });
-    if let Presence::Away { why, .. } = &model.presence {
-        note(Level::Alarm, "away", why.clone());
-        if model.estimate.is_some() {
-            note(
-                Level::Info,
-                "below",
-                "what was heard last; it goes on by itself when the service is back".into(),
-            );
-        }
-        return notes;
-    }
-    of_bits(model, &mut note);
-    if let Some(status) = &model.status {
-        of_counters(model, status, &mut note);
-        of_the_start(model, status, now, &mut note);
-    }
-    notes.sort_by_key(|note| std::cmp::Reverse(note.level));
-    notes
-}
-
-fn of_bits(model: &Model, note: &mut impl FnMut(Level, &'static str, String)) {
-    let Some(estimate) = &model.estimate else { return };
-    let (now, recent) = (estimate.status, model.recent_bits());
-    let is_set = |bit: u64| now & bit != 0;
-    let was_set = |bit: u64| recent & bit != 0;
-    let instance = &model.instance;
-    if is_set(bits::INVALID) {
-        note(
-            Level::Alarm,
-            "invalid",
-            "the loop has been late for too long; lower rate_hz or use fewer centers; see daemon doctor"
-                .into(),
-        );
-    }
-    if is_set(bits::WAITING) {
-        note(
-            Level::Alarm,
-            "waiting",
-            format!("no sample yet; start the vehicle's process (it publishes {instance}/measurement)"),
-        );
-    } else if is_set(bits::STALE) {
+/// All words but those of good health (`tracking`, `adapting`) and `rejected-sample`, whose reasons are counted.
+const WORDS: [Word; 14] = [
+    word(bits::INVALID, Alarm, Now, 0, |_| {
+        "the loop has been late for too long; lower rate_hz or use fewer centers; see daemon doctor".into()
+    }),
+    word(bits::WAITING, Alarm, Now, 0, |model| {
+        let instance = &model.instance;
+        format!("no sample yet; start the vehicle's process (it publishes {instance}/measurement)")
+    }),
+    word(bits::STALE, Alarm, Now, bits::WAITING, |model| {
         let age = model.status.map_or("some time".into(), |status| duration_ns(status.newest_sample_age_ns));
-        note(Level::Alarm, "stale", format!("no good sample for {age}; does the vehicle's process run?"));
-    }
-    if is_set(bits::PREDICT_ONLY) {
-        note(
-            Level::Caution,
-            "predict-only",
-            "the loop is late and uses no samples; lower rate_hz or use fewer centers".into(),
-        );
-    } else if was_set(bits::LATE) {
-        let missed = match model.growth(|status| status.deadline_misses) {
-            0 => "a deadline was missed".into(),
-            missed => format!("{missed} deadlines missed in 10 s"),
-        };
-        note(Level::Caution, "late", format!("{missed}; see daemon doctor"));
-    }
-    // Where no sample comes at all, that is said already.
-    for part in Part::ALL.into_iter().filter(|part| is_set(part.coasting_bit()) && !is_set(bits::WAITING)) {
-        let (word, output) =
-            (["coasting-translation", "coasting-rotation", "coasting-linear"][part as usize], part.output());
-        let age_s = part.channel(estimate).output_age_s;
-        note(
-            Level::Caution,
-            word,
-            match age_s.is_finite() {
-                true => format!("no {output} for {}: predicting", duration(age_s)),
-                false => format!("no {output} was ever measured: predicting"),
-            },
-        );
-    }
-    if was_set(bits::DIVERGED) {
-        note(
-            Level::Caution,
-            "diverged",
-            "the state left its limits and was put back to the last good one; look at the sensors and input.max_…".into(),
-        );
-    }
-    if was_set(bits::STUCK) {
+        format!("no good sample for {age}; does the vehicle's process run?")
+    }),
+    word(bits::PREDICT_ONLY, Caution, Now, 0, |_| {
+        "the loop is late and uses no samples; lower rate_hz or use fewer centers".into()
+    }),
+    word(bits::LATE, Caution, Lately, bits::PREDICT_ONLY, |model| {
+        match model.growth(|status| status.deadline_misses) {
+            0 => "a deadline was missed; see daemon doctor".into(),
+            missed => format!("{missed} deadlines missed in 10 s; see daemon doctor"),
+        }
+    }),
+    word(bits::COASTING_TRANSLATION, Caution, Now, bits::WAITING, |model| coasts(model, Part::Translation)),
+    word(bits::COASTING_ROTATION, Caution, Now, bits::WAITING, |model| coasts(model, Part::Rotation)),
+    word(bits::COASTING_LINEAR, Caution, Now, bits::WAITING, |model| coasts(model, Part::Linear)),
+    word(bits::DIVERGED, Caution, Lately, 0, |_| {
+        "the state left its limits and was put back to the last good one; look at the sensors and input.max_…"
+            .into()
+    }),
+    word(bits::STUCK, Caution, Lately, 0, |model| {
         let which = grown(model, |status| status.outputs_stuck);
-        note(
-            Level::Caution,
-            "stuck-sensor",
-            format!("the sensor of the {which} repeats one value to the bit; look at it (input.stuck)"),
-        );
-    }
-    if was_set(bits::HELD_BACK) {
+        format!("the sensor of the {which} repeats one value to the bit; look at it (input.stuck)")
+    }),
+    word(bits::HELD_BACK, Caution, Lately, 0, |model| {
         let which = grown(model, |status| status.outputs_held_back);
-        note(
-            Level::Caution,
-            "held-back",
-            format!("measurements of the {which} stand out and are not used: spikes? (input.outliers)"),
-        );
-    }
-    if was_set(bits::CLAMPED) {
-        note(
-            Level::Caution,
-            "clamped",
-            "learning is held at its limit of stability; lower adaptation_rate, see daemon check".into(),
-        );
-    }
-    if was_set(bits::OUTSIDE_CENTERS) && !is_set(bits::COASTING) {
-        note(
-            Level::Info,
-            "outside-centers",
-            "the motion is outside the box of the centers: nothing is learned there; widen centers_…".into(),
-        );
-    }
-    if is_set(bits::FROZEN) {
-        note(
-            Level::Info,
-            "frozen",
-            "an operator has frozen learning; what was learned is used; f: learn again".into(),
-        );
-    }
+        format!("measurements of the {which} are outliers and are not used: spikes? (input.outliers)")
+    }),
+    word(bits::CLAMPED, Caution, Lately, 0, |_| {
+        "learning is held at its limit of stability; lower adaptation_rate, see daemon check".into()
+    }),
+    word(bits::OUTSIDE_CENTERS, Info, Lately, bits::COASTING, |_| {
+        "the motion is outside the box of the centers: nothing is learned there; widen centers_…".into()
+    }),
+    word(bits::FROZEN, Info, Now, 0, |_| {
+        "an operator has frozen learning; what was learned is used; f: learn again".into()
+    }),
+];
+
+/// The status in words, in the order of the table: how bad each is, the word, what it means and what to do.
+pub fn explained(model: &Model) -> impl Iterator<Item = (Level, &'static str, String)> + '_ {
+    let now = model.estimate.map_or(0, |estimate| estimate.status);
+    let lately = model.recent_bits();
+    WORDS.iter().filter_map(move |word| {
+        let status = if word.shown == Now { now } else { lately };
+        (status & word.bit != 0 && now & word.unless == 0)
+            .then(|| (word.level, bits::words(word.bit)[0], (word.text)(model)))
+    })
 }
 
-fn of_counters(model: &Model, status: &Status, note: &mut impl FnMut(Level, &'static str, String)) {
-    let mut rejected: Vec<_> = model
-        .rejections()
-        .into_iter()
-        .map(|(reason, _)| (model.growth(|status| status.rejected(reason)), reason.words()))
-        .filter(|&(count, _)| count > 0)
-        .collect();
-    rejected.sort_by_key(|&(count, _)| std::cmp::Reverse(count));
-    if !rejected.is_empty() {
-        let reasons: Vec<_> = rejected.iter().map(|(count, words)| format!("{count} {words}")).collect();
-        note(Level::Caution, "rejected-sample", format!("in 10 s: {}", reasons.join(", ")));
+fn coasts(model: &Model, part: Part) -> String {
+    let age_s = model.estimate.map_or(f64::INFINITY, |estimate| part.channel(&estimate).output_age_s);
+    match age_s.is_finite() {
+        true => format!("no {} for {}: predicting", part.output(), duration(age_s)),
+        false => format!("no {} was ever measured: predicting", part.output()),
     }
-    let lost = model.growth(|status| status.samples_lost);
-    if lost > 0 {
-        note(Level::Info, "lost", format!("{lost} samples never arrived in 10 s (gaps in their sequence)"));
-    }
-    if status.other_source_pid != 0 {
-        let pid = status.other_source_pid;
-        note(
-            Level::Caution,
-            "other source",
-            format!("process {pid} publishes too and is refused; stop one of the two (input.source)"),
-        );
-    }
-    let missed = model.growth(|status| status.deadline_misses);
-    if missed > 0 && model.recent_bits() & (bits::LATE | bits::PREDICT_ONLY | bits::INVALID) == 0 {
-        note(Level::Info, "deadlines", format!("{missed} missed in 10 s; see daemon doctor"));
-    }
-    if model.growth(|status| status.snapshots_failed) > 0 {
-        note(
-            Level::Caution,
-            "snapshot",
-            "could not be written: what is learned would be lost; is the disk full? (the service's log)"
-                .into(),
-        );
-    }
-    let not_recorded = model.growth(|status| status.ticks_not_recorded);
-    if not_recorded > 0 {
-        note(
-            Level::Caution,
-            "flight record",
-            format!("{not_recorded} ticks not recorded in 10 s: the disk is slow"),
-        );
-    }
-    let refused = real_time::words(status.real_time_requested & !status.real_time_granted);
-    if !refused.is_empty() {
-        note(
-            Level::Info,
-            "real time",
-            format!("the system refused: {}; why: daemon control status", refused.join(", ")),
-        );
-    }
-}
-
-fn of_the_start(
-    model: &Model,
-    status: &Status,
-    now: Now,
-    note: &mut impl FnMut(Level, &'static str, String),
-) {
-    /// How long after its start the service's start is news (ns).
-    const NEWS_NS: u64 = 15_000_000_000;
-    let age_ns = now.monotonic_ns.saturating_sub(status.start_stamp_ns);
-    if age_ns > NEWS_NS {
-        return;
-    }
-    let with = match status.snapshot_restored {
-        restored::LEARNED => "with what an earlier run had learned",
-        restored::LEARNED_AND_STATE => "with what an earlier run had learned, and its state",
-        _ => "with nothing learned",
-    };
-    let again = if model.restarts > 0 { "again " } else { "" };
-    note(Level::Info, "started", format!("{again}{} ago, {with}", duration_ns(age_ns)));
 }
 
 /// The quantities whose counts grew.
 fn grown(model: &Model, counts: fn(&Status) -> [u64; 3]) -> String {
-    let names =
-        Part::ALL.into_iter().filter(|&part| model.growth(|status| counts(status)[part as usize]) > 0);
-    let names: Vec<_> = names.map(Part::output).collect();
+    let has_grown = |part: &Part| model.growth(|status| counts(status)[*part as usize]) > 0;
+    let names: Vec<_> = Part::ALL.into_iter().filter(has_grown).map(Part::output).collect();
     if names.is_empty() { "output".into() } else { names.join(" and ") }
 }
 
@@ -296,70 +128,21 @@ mod tests {
     use crate::link::News;
     use shared_types::Estimate;
 
-    const NOW: Now = Now { monotonic_ns: 100_000_000_000, unix_s: 1_700_000_000 };
-
-    fn with_status(status: u64) -> Model {
-        let mut model = Model::new("vehicle");
-        let mut estimate = Estimate { publish_stamp_ns: NOW.monotonic_ns, status, ..Estimate::default() };
-        estimate.translation.output_age_s = 0.8;
-        model.note(News::Estimate(estimate));
-        model
-    }
-
     #[test]
-    fn every_status_bit_but_the_good_ones_is_explained() {
-        let explained = |status: u64| notes(&with_status(status), NOW);
+    fn every_status_bit_is_explained_by_its_own_row() {
         for bit in (0..17).map(|k| 1 << k) {
-            let word = bits::words(bit)[0];
-            let notes = explained(bit);
+            let mut model = Model::new("vehicle");
+            let mut estimate = Estimate { publish_stamp_ns: 1, status: bit, ..Estimate::default() };
+            estimate.translation.output_age_s = 0.8;
+            model.note(News::Estimate(estimate));
+            let words: Vec<_> = explained(&model).map(|(_, word, _)| word).collect();
             match bit {
-                bits::TRACKING | bits::ADAPTING => assert!(notes.is_empty(), "{word}"),
-                // Explained by its reason, which is in the status.
-                bits::REJECTED_SAMPLE => assert!(notes.is_empty()),
-                _ => {
-                    assert_eq!(notes.len(), 1, "{word}");
-                    assert_eq!(notes[0].word, word);
-                }
+                bits::TRACKING | bits::ADAPTING | bits::REJECTED_SAMPLE => assert!(words.is_empty()),
+                _ => assert_eq!(words, bits::words(bit)),
+            }
+            if bit == bits::COASTING_TRANSLATION {
+                assert_eq!(explained(&model).next().unwrap().2, "no velocity for 0.8 s: predicting");
             }
         }
-        assert_eq!(explained(bits::COASTING_TRANSLATION)[0].text, "no velocity for 0.8 s: predicting");
-    }
-
-    #[test]
-    fn the_verdict_is_that_of_the_worst() {
-        let level = |status: u64| verdict(&with_status(status), NOW).0;
-        assert_eq!(level(bits::TRACKING | bits::ADAPTING), Level::Good);
-        assert_eq!(level(bits::TRACKING | bits::FROZEN), Level::Good);
-        assert_eq!(level(bits::TRACKING | bits::CLAMPED), Level::Caution);
-        assert_eq!(level(bits::COASTING_ROTATION), Level::Caution);
-        for alarm in [bits::STALE, bits::WAITING, bits::INVALID] {
-            assert_eq!(level(bits::TRACKING | alarm), Level::Alarm);
-        }
-    }
-
-    #[test]
-    fn a_service_that_is_away_is_said_to_be_with_its_time() {
-        let mut model = with_status(bits::TRACKING);
-        let since_ns = NOW.monotonic_ns - 12_000_000_000;
-        model.note(News::Away { since_ns, why: "no process runs it".into() });
-        let (level, text) = verdict(&model, NOW);
-        assert_eq!(level, Level::Alarm);
-        assert_eq!(text, "DO NOT FLY ON THIS: the service is away since 22:13:08 UTC (12 s), waiting");
-        assert_eq!(notes(&model, NOW)[0].text, "no process runs it");
-    }
-
-    #[test]
-    fn reasons_are_counted_from_ten_seconds_ago() {
-        let mut model = with_status(bits::TRACKING);
-        let status = |stamp_s: u64, not_finite: u64| Status {
-            stamp_ns: stamp_s * 1_000_000_000,
-            samples_rejected: [not_finite, 7, 0, 0, 0, 0, 0, 0, 0, 0, 0],
-            ..Status::default()
-        };
-        for (stamp_s, not_finite) in [(80, 1), (95, 2), (100, 5)] {
-            model.note(News::Status(status(stamp_s, not_finite)));
-        }
-        let notes = notes(&model, NOW);
-        assert_eq!((notes[0].word, notes[0].text.as_str()), ("rejected-sample", "in 10 s: 3 not finite"));
     }
 }
