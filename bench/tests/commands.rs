@@ -1,12 +1,10 @@
 //! The commands as a user runs them.
 
-mod common;
-
-use common::{Role, TestDomain, bench, run_and_leave_nothing, shared_memory_of, text};
-use rustix::process::{Pid, Signal, kill_process};
+use crate::programs::{BENCH, bench, document, run_and_leave_nothing, shared_memory_of};
+use rustix::process::Signal;
 use std::path::PathBuf;
-use std::process::Stdio;
 use std::time::Duration;
+use testkit::{PATIENCE, Process, TestDomain, wait_until};
 
 // One test: two demos at once would take each other's cores.
 #[test]
@@ -15,9 +13,8 @@ fn the_demo_prints_one_document_and_leaves_nothing_behind() {
     let out_text = out.path().to_str().unwrap();
     for scenario in ["rigid-body", "translation"] {
         let arguments = ["demo", "--scenario", scenario, "--duration", "4", "--json", "--out", out_text];
-        let output = run_and_leave_nothing(&arguments);
-        assert!(output.status.success(), "{}", text(&output.stderr));
-        let document: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+        let document: serde_json::Value =
+            serde_json::from_str(&run_and_leave_nothing(&arguments).ok()).unwrap();
         assert_eq!(document["scenario"], scenario);
         assert_eq!(document["samples_sent"], 800);
         assert_eq!(
@@ -47,18 +44,17 @@ fn the_demo_prints_one_document_and_leaves_nothing_behind() {
     }
 
     // Ctrl-C in the middle.
-    let mut command = bench(&["demo", "--duration", "60", "--out", out_text]);
-    let mut demo = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
-    std::thread::sleep(Duration::from_secs(3));
-    assert!(!shared_memory_of(demo.id()).is_empty(), "it runs");
-    kill_process(Pid::from_child(&demo), Signal::INT).unwrap();
-    assert!(demo.wait().unwrap().success());
-    assert_eq!(shared_memory_of(demo.id()), Vec::<PathBuf>::new());
+    let demo = Process::spawn(BENCH.command(&["demo", "--duration", "60", "--out", out_text]));
+    let pid = demo.pid();
+    wait_until("the services of the demo", || shared_memory_of(pid).len() > 5);
+    demo.signal(Signal::INT);
+    demo.finish().ok();
+    assert_eq!(shared_memory_of(pid), Vec::<PathBuf>::new());
 }
 
 #[test]
 fn wrong_usage_is_told_from_failure() {
-    let code = |arguments: &[&str]| bench(arguments).output().unwrap().status.code();
+    let code = |arguments: &[&str]| bench(arguments).code;
     assert_eq!(code(&["demo", "--scenario", "boat"]), Some(2));
     assert_eq!(code(&["demo", "--rate-hz", "0"]), Some(2));
     assert_eq!(code(&["replay", "--format", "acsl", "/nowhere.log"]), Some(1));
@@ -70,9 +66,7 @@ fn wrong_usage_is_told_from_failure() {
 fn the_document_of_the_step_has_its_keys() {
     let small =
         ["step", "--centers", "8,27", "--samples", "100", "--literal-up-to", "8", "--krls-up-to", "8"];
-    let output = bench(&[&small[..], &["--json"]].concat()).output().unwrap();
-    assert!(output.status.success(), "{}", text(&output.stderr));
-    let document: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    let document = document(&[&small[..], &["--json"]].concat());
     assert!(document["machine"].is_object());
     let rows = document["rows"].as_array().unwrap();
     for (row, n_centers) in rows.iter().zip([8, 27]) {
@@ -90,8 +84,7 @@ fn the_document_of_the_step_has_its_keys() {
             assert_eq!(row[format!("{key}_reason")].is_string(), n_centers == 27, "{key}");
         }
     }
-    let table = bench(&small).output().unwrap();
-    let table = text(&table.stdout);
+    let table = bench(&small).ok();
     assert!(table.contains("A dense step grows as N to the") && table.contains("KRLS takes ×"), "{table}");
 }
 
@@ -109,9 +102,7 @@ fn recorded_flight() -> Option<PathBuf> {
 #[test]
 fn the_recorded_flight_is_predicted_as_well_as_by_the_prototype() {
     let Some(file) = recorded_flight() else { return };
-    let output = bench(&["replay", "--format", "acsl", file.to_str().unwrap(), "--json"]).output().unwrap();
-    assert!(output.status.success(), "{}", text(&output.stderr));
-    let document: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    let document = document(&["replay", "--format", "acsl", file.to_str().unwrap(), "--json"]);
     let row = |estimator: &str| {
         let rows = document["rows"].as_array().unwrap();
         let row = rows.iter().find(|row| row["estimator"] == estimator).unwrap();
@@ -132,21 +123,19 @@ fn the_recorded_flight_plays_through_the_service() {
     let config = tempfile::NamedTempFile::new().unwrap();
     let preset = daemon::config::PRESETS.iter().find(|(name, _)| *name == "acsl-x8").unwrap().1;
     std::fs::write(config.path(), format!("clock = \"samples\"\n{preset}")).unwrap();
-    let daemon = Role::start(&domain, &["daemon", "run", "--config", config.path().to_str().unwrap()]);
-    let client = shared_types::Client::connect(&domain.domain, "vehicle", Duration::from_secs(10)).unwrap();
+    let daemon = BENCH.start(&domain, &["daemon", "run", "--config", config.path().to_str().unwrap()]);
+    let client = domain.client();
     let arguments =
         ["sim_publisher", "replay", "--format", "acsl", "--airborne-only", "--speed", "4", "--json"];
-    let replay = Role::start(&domain, &[&arguments, [file.to_str().unwrap()].as_slice()].concat());
-    let replay = replay.finish(Duration::from_secs(30));
-    assert!(replay.status.success(), "{}", text(&replay.stderr));
-    let sent: serde_json::Value = serde_json::from_slice(&replay.stdout).unwrap();
+    let replay = BENCH.start(&domain, &[&arguments, [file.to_str().unwrap()].as_slice()].concat());
+    let sent: serde_json::Value = serde_json::from_str(&replay.finish_within(2 * PATIENCE).ok()).unwrap();
     std::thread::sleep(Duration::from_millis(100));
-    let reply = client.command(shared_types::payload::command::STATUS, Duration::from_secs(5)).unwrap();
+    let reply = client.command(shared_types::payload::command::STATUS, PATIENCE).unwrap();
     assert_eq!(reply.status.samples_accepted, sent["samples_published"].as_u64().unwrap());
     assert_eq!(reply.status.samples_rejected_total(), 0);
     let estimate = client.latest_estimate().unwrap().peek().unwrap();
     drop(client);
-    assert!(daemon.stop().status.success());
+    daemon.stop().ok();
     if let Some(estimate) = estimate {
         assert!(estimate.velocity_m_s.iter().all(|v| v.is_finite()));
     }

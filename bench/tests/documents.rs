@@ -1,10 +1,8 @@
 //! Every command that a document names is one that its program understands. What README and tutorial run, CI runs; these
 //! are the others: in the text, in tables, in indented blocks.
 
+use crate::programs::bench;
 use std::path::{Path, PathBuf};
-use std::process::Command;
-
-const BENCH: &str = env!("CARGO_BIN_EXE_bench");
 
 fn documents() -> Vec<PathBuf> {
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap();
@@ -52,11 +50,11 @@ fn command(code: &str) -> Option<Vec<String>> {
 
 /// Every argument before `--help` is checked, and nothing is started.
 fn is_understood(words: &[String]) -> Result<(), String> {
-    let mut program = Command::new(BENCH);
-    // Our `bench` is the other two as well.
+    // `bench` is the other two as well.
     let arguments = if words[0] == "bench" { &words[1..] } else { words };
-    let output = program.args(arguments).arg("--help").output().unwrap();
-    if output.status.success() { Ok(()) } else { Err(String::from_utf8_lossy(&output.stderr).into_owned()) }
+    let arguments: Vec<&str> = arguments.iter().map(String::as_str).chain(["--help"]).collect();
+    let ended = bench(&arguments);
+    if ended.code == Some(0) { Ok(()) } else { Err(ended.log) }
 }
 
 #[test]

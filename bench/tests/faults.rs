@@ -1,227 +1,252 @@
-//! Every kind of fault against the running service: real processes, faults one after the other. After each the estimate
-//! must be back, and the service must have counted what was done to it.
+//! Every kind of fault: after each the estimate must be back, and what was done to the samples must have been counted,
+//! one by one.
+//!
+//! Faults of samples go through the engine on simulated time, where the counts are exact. Faults of processes, and some
+//! of samples beside them, go through the demo: real processes, where a busy machine may add losses of its own.
 
-mod common;
-
-use common::{bench, text};
+use crate::programs::{bench, document};
+use daemon::config::ConfigFile;
+use daemon::engine::{Counters, Engine};
 use serde_json::Value;
+use shared_types::payload::Rejection;
+use sim_publisher::faults::{Delivery, Faults, Faulty, read_faults};
+use sim_publisher::{Scenario, Simulation, SimulationOptions};
+use std::collections::BTreeMap;
 
-/// The estimate must be back this soon after a fault (s); what "back" means, `bench demo` says.
-const BACK_WITHIN_S: f64 = 2.0;
-/// Samples that a late loop turned away.
-const OVERLOAD: &str = "rejected_the_loop_was_late";
-/// Ticks and samples that a busy machine may cost, beyond which it is not the fault that is judged.
-const MUCH_DISTURBED: u64 = 20;
+/// How often a counter must rise.
+#[derive(Debug, Clone, Copy)]
+enum Count {
+    /// By one for each sample that the fault concerned.
+    Each,
+    /// By so much.
+    By(u64),
+    /// At least by one.
+    Some,
+}
+
+/// A fault, the samples that it concerns (`None`: by chance), and the counters that rise. No other counter of lost or
+/// rejected samples may.
+type Case = (&'static str, Option<u64>, &'static [(&'static str, Count)]);
+
+const TOO_OLD: &str = "rejected_too_far_behind_the_clock";
+
+#[rustfmt::skip]
+const OF_SAMPLES: [Case; 18] = [
+    // Spikes come first: were they learned from, the learned force would be spoiled for the faults that follow.
+    ("spike@5:1.5,size=3,every=10", Some(30), &[("velocities_held_back", Count::Each)]),
+    ("spike@9:1,field=angular-velocity,size=5,every=10", Some(20), &[("angular_velocities_held_back", Count::Each)]),
+    ("nan@13:0.5", Some(100), &[("rejected_not_finite", Count::Each)]),
+    ("nan@17:0.5,field=attitude,every=3", Some(34), &[("rejected_not_finite", Count::Each)]),
+    // Plausible each by itself: no check of a single sample sees them.
+    ("drift@21:1,per_s=0.3", Some(200), &[]),
+    ("bias@25:0.5,size=0.5", Some(100), &[]),
+    // From the fiftieth repetition on.
+    ("freeze@29:0.5,field=velocity", Some(100), &[("velocities_stuck", Count::By(51))]),
+    ("drop@33:1,probability=0.4", None, &[("samples_lost", Count::Each)]),
+    ("burst@37:0.3", Some(60), &[("samples_lost", Count::Each), ("ticks_coasting", Count::Some)]),
+    ("rate-change@41:1,divide_by=4", Some(150), &[("samples_lost", Count::Each)]),
+    // Of a sample that lacks a field nothing is lost: its channel coasts.
+    ("burst@45:0.3,field=velocity", Some(60), &[("ticks_coasting", Count::Some)]),
+    ("rate-change@49:1,field=angular-velocity,divide_by=4", Some(150), &[("ticks_coasting", Count::Some)]),
+    // Young enough: late, but used. Those of the 0.1 s after it queue behind the last delayed one.
+    ("delay@53:1,by_s=0.1", Some(219), &[]),
+    // The gap before the early one counts as loss: when it is seen, the late one has not come.
+    ("reorder@57:1,every=4", Some(50), &[("rejected_older_stamp", Count::Each), ("samples_lost", Count::Each)]),
+    ("duplicate@61:1", Some(200), &[("rejected_repeated_stamp", Count::Each)]),
+    ("clock-jump@65:0.5,by_s=2", Some(100), &[("rejected_too_far_ahead_of_the_clock", Count::Each)]),
+    ("clock-jump@69:0.5,by_s=-2", Some(100), &[(TOO_OLD, Count::Each)]),
+    // 0.7 s late: the 200 samples of that second are too old, and of those that queue behind them the 40 that wait for
+    // more than 0.5 s.
+    ("delay@73:1,by_s=0.7", Some(339), &[(TOO_OLD, Count::By(240))]),
+];
+/// The run ends some seconds after the last of them.
+const DURATION_S: f64 = 78.0;
+
+/// Fails unless what a fault concerned and what was counted is the case's; counts may be off by `slack`.
+#[track_caller]
+fn assert_case(
+    &(fault, samples, counts): &Case,
+    concerned: u64,
+    counted: &BTreeMap<String, u64>,
+    slack: u64,
+) {
+    if let Some(samples) = samples {
+        assert_eq!(concerned, samples, "{fault}");
+    }
+    assert!(concerned > 0, "{fault}: it concerned no sample");
+    for (counter, count) in counts {
+        let found = counted.get(*counter).copied().unwrap_or(0);
+        let expected = match count {
+            Count::Each => concerned,
+            Count::By(count) => *count,
+            Count::Some => found.max(1),
+        };
+        assert!(found.abs_diff(expected) <= slack, "{fault}: {counter}: {expected} expected: {counted:?}");
+    }
+    let is_expected = |name: &str| counts.iter().any(|(counter, _)| *counter == name);
+    for (name, &count) in counted {
+        if (name.starts_with("rejected_") || name == "samples_lost") && !is_expected(name) {
+            assert!(count <= slack, "{fault}: {name} {count}: {counted:?}");
+        }
+    }
+}
+
+/// A tick of the engine: the velocity's error against the truth (m/s), and what was counted until its end.
+struct Tick {
+    velocity_error_m_s: f64,
+    counters: Counters,
+}
+
+const TICK_HZ: f64 = 200.0;
+
+/// A run of the preset with these faults, a tick 1 ms after each sample; how many samples each fault concerned.
+fn through_engine(faults: &[&str]) -> (Vec<Tick>, Vec<u64>) {
+    const START_NS: u64 = 1_000_000_000_000;
+    let file = ConfigFile::preset("rigid-body").unwrap();
+    let mut engine = Engine::new(&file.config, file.estimator().unwrap());
+    let faults = faults.iter().map(|fault| (*fault).to_owned()).collect::<Vec<_>>();
+    let options =
+        SimulationOptions { duration_s: Some(DURATION_S), ..SimulationOptions::of(Scenario::RigidBody) };
+    let faults = Faults::new(&read_faults(&faults).unwrap(), 7);
+    let mut sent = Faulty::new(Simulation::new(&options).unwrap(), faults);
+    let mut ticks = Vec::new();
+    let mut next = sent.next();
+    for tick in 0..(DURATION_S * TICK_HZ) as u64 {
+        let wake_ns = START_NS + tick * 5_000_000 + 1_000_000;
+        engine.begin(wake_ns, 0);
+        let mut truth = None;
+        while let Some(outgoing) = next.take_if(|outgoing| START_NS + outgoing.at_ns <= wake_ns) {
+            truth = outgoing.truth.or(truth);
+            if let Some(Delivery { mut measurement, clock_error_ns, .. }) = outgoing.delivery {
+                measurement.stamp_ns = (START_NS + measurement.stamp_ns).wrapping_add_signed(clock_error_ns);
+                engine.take(&measurement, 1);
+            }
+            next = sent.next();
+        }
+        let estimate = engine.conclude();
+        assert!(estimate.is_finite(), "tick {tick}");
+        let truth = truth.expect("a true state at each tick");
+        let square = |axis: usize| (estimate.velocity_m_s[axis] - truth.velocity_m_s[axis]).powi(2);
+        let velocity_error_m_s = (0..3).map(square).sum::<f64>().sqrt();
+        ticks.push(Tick { velocity_error_m_s, counters: *engine.counters() });
+    }
+    (ticks, sent.tallies().iter().map(|tally| tally.samples).collect())
+}
+
+/// What rose between two ticks, under the names of the demo's document.
+fn rises(before: &Counters, after: &Counters) -> BTreeMap<String, u64> {
+    let mut rises = BTreeMap::from([
+        ("samples_lost".to_owned(), after.samples_lost - before.samples_lost),
+        ("velocities_held_back".into(), after.outputs_held_back[0] - before.outputs_held_back[0]),
+        ("angular_velocities_held_back".into(), after.outputs_held_back[1] - before.outputs_held_back[1]),
+        ("velocities_stuck".into(), after.outputs_stuck[0] - before.outputs_stuck[0]),
+        ("ticks_coasting".into(), after.ticks_coasting - before.ticks_coasting),
+    ]);
+    for reason in Rejection::ALL {
+        let count = |counters: &Counters| counters.samples_rejected[reason as usize];
+        rises.insert(format!("rejected_{}", reason.words().replace(' ', "_")), count(after) - count(before));
+    }
+    rises
+}
+
+fn rms(ticks: &[Tick]) -> f64 {
+    let sum: f64 = ticks.iter().map(|tick| tick.velocity_error_m_s.powi(2)).sum();
+    (sum / ticks.len() as f64).sqrt()
+}
+
+/// "Back" as `bench demo` says it: within 2 s the error is at most 1.5 times that of the same run without faults.
+#[test]
+fn each_fault_of_samples_is_counted_exactly_and_gone_after_two_seconds() {
+    let faults = OF_SAMPLES.map(|(fault, ..)| fault);
+    let (ticks, concerned) = through_engine(&faults);
+    let (without, _) = through_engine(&[]);
+    let spans = read_faults(&faults.map(str::to_owned)).unwrap();
+    for ((case, fault), concerned) in OF_SAMPLES.iter().zip(spans).zip(concerned) {
+        let at = |t_s: f64| (t_s * TICK_HZ) as usize;
+        let (start_s, end_s) = (fault.span.start_s, fault.span.end_s());
+        let counted = rises(&ticks[at(start_s) - 1].counters, &ticks[at(end_s + 2.0)].counters);
+        assert_case(case, concerned, &counted, 0);
+        let after = rms(&ticks[at(end_s + 2.0)..at(end_s + 2.5)]);
+        let level = rms(&without[at(start_s - 2.0)..at(end_s + 2.0)]);
+        assert!(after <= 1.5 * level, "{}: {after} m/s, {level} m/s without faults", case.0);
+    }
+}
 
 /// What the demo says about one fault.
-struct Effect<'a>(&'a Value);
+struct Effect(Value);
 
-impl Effect<'_> {
-    fn name(&self) -> &str {
-        self.0["fault"].as_str().unwrap()
+impl Effect {
+    fn counted(&self) -> BTreeMap<String, u64> {
+        serde_json::from_value(self.0["counted"].clone()).unwrap()
+    }
+
+    /// By how much a counter of the service rose.
+    fn count(&self, counter: &str) -> u64 {
+        self.counted().get(counter).copied().unwrap_or(0)
     }
 
     fn samples(&self) -> u64 {
         self.0["samples"].as_u64().unwrap()
     }
 
-    /// By how much a counter of the service rose.
-    fn counted(&self, counter: &str) -> u64 {
-        self.0["counted"].get(counter).map_or(0, |count| count.as_u64().unwrap())
-    }
-
     /// What a busy machine did beside the fault: the loop was late, turned samples away, or found its queue full.
     fn disturbances(&self) -> u64 {
-        let late = self.counted("deadline_misses") + self.counted(OVERLOAD);
-        if late > 0 { late + self.counted("samples_lost") } else { 0 }
+        let late = self.count("deadline_misses") + self.count("rejected_the_loop_was_late");
+        if late > 0 { late + self.count("samples_lost") } else { 0 }
     }
 
-    /// Of all counters of rejected samples, but those that a late loop turned away.
-    fn rejected(&self) -> u64 {
-        let counted = self.0["counted"].as_object().unwrap().iter();
-        counted
-            .filter(|(name, _)| name.starts_with("rejected_") && *name != OVERLOAD)
-            .map(|(_, count)| count.as_u64().unwrap())
-            .sum()
-    }
-
-    /// The counter rose by just as many as the fault concerned.
+    /// Within 2 s, unless the machine kept the loop from more than 20 ticks: then it is not the fault that is judged.
     #[track_caller]
-    fn assert_counted_all(&self, counter: &str) {
-        assert!(self.samples() > 0, "{}: it concerned no sample", self.name());
-        self.assert_counted(counter, self.samples());
-    }
-
-    /// By so many, and where the machine kept the loop from its ticks, about so many.
-    #[track_caller]
-    fn assert_counted(&self, counter: &str, expected: u64) {
-        let off_by = self.counted(counter).abs_diff(expected);
-        assert!(off_by <= self.disturbances(), "{}: {counter}: {}", self.name(), self.0);
-    }
-
-    #[track_caller]
-    fn assert_none(&self, counters: &[&str]) {
-        for counter in counters {
-            self.assert_counted(counter, 0);
-        }
+    fn assert_back(&self) {
+        let is_back = self.0["back_after_s"].as_f64().is_some_and(|s| s <= 2.0);
+        assert!(is_back || self.disturbances() > 20, "not back in time: {}", self.0);
     }
 }
 
-/// Runs the demo with these faults; every estimate must be finite, and the estimate back after each fault. Then `check`
-/// is shown each effect, in the order of time.
-fn with_faults(duration_s: &str, faults: &[&str], check: impl Fn(usize, Effect)) {
+/// Runs the demo with these faults; what it says of each, in the order of time.
+fn through_demo(duration_s: f64, faults: &[&str]) -> Vec<Effect> {
     let out = tempfile::tempdir().unwrap();
-    let mut command = bench(&["demo", "--json", "--duration", duration_s, "--out"]);
-    command.arg(out.path());
-    for fault in faults {
-        command.args(["--faults", fault]);
-    }
-    let output = command.output().unwrap();
-    assert!(output.status.success(), "{}", text(&output.stderr));
-    let document: Value = serde_json::from_slice(&output.stdout).unwrap();
+    let duration = duration_s.to_string();
+    let mut arguments =
+        vec!["demo", "--json", "--duration", &duration, "--out", out.path().to_str().unwrap()];
+    arguments.extend(faults.iter().flat_map(|fault| ["--faults", *fault]));
+    let document = document(&arguments);
     assert_eq!(document["estimates_not_finite"], 0);
-    let effects = document["faults"].as_array().unwrap();
-    assert_eq!(effects.len(), faults.len());
-    for effect in effects {
-        println!("{effect}");
-    }
-    for (i, effect) in effects.iter().enumerate() {
-        assert_eq!(effect["kind"], faults[i].split('@').next().unwrap());
-        let back_after_s = effect["back_after_s"].as_f64();
-        let disturbed = Effect(effect).disturbances() > MUCH_DISTURBED;
-        if disturbed {
-            println!("not judged: the machine kept the loop from its ticks: {effect}");
-        }
-        assert!(disturbed || back_after_s.is_some_and(|s| s <= BACK_WITHIN_S), "not back in time: {effect}");
-        check(i, Effect(effect));
-    }
-}
-
-#[test]
-fn lost_samples_are_counted_one_by_one() {
-    let faults = [
-        "drop@5:1,probability=0.4",
-        "burst@9:0.3",
-        "rate-change@13:1,divide_by=4",
-        "burst@17:0.3,field=velocity",
-        "rate-change@20.5:1,field=angular-velocity,divide_by=4",
-    ];
-    with_faults("24.5", &faults, |i, effect| {
-        assert_eq!(effect.rejected(), 0, "{}", effect.0);
-        match i {
-            // Of a sample that lacks a field nothing is lost: its channel coasts.
-            3 | 4 => {
-                assert_eq!(effect.samples(), if i == 3 { 60 } else { 150 });
-                effect.assert_none(&["samples_lost"]);
-                assert!(effect.counted("ticks_coasting") > 0, "{}", effect.0);
-            }
-            _ => effect.assert_counted_all("samples_lost"),
-        }
-    });
-}
-
-#[test]
-fn what_happens_on_the_way_is_rejected_for_its_reason() {
-    let faults = [
-        "delay@5:1,by_s=0.1",
-        "reorder@9:1,every=4",
-        "duplicate@13:1",
-        "clock-jump@17:0.5,by_s=2",
-        "clock-jump@21:0.5,by_s=-2",
-        "delay@25:1,by_s=0.7",
-    ];
-    with_faults("31", &faults, |i, effect| match i {
-        // Young enough: late, but used.
-        0 => assert_eq!((effect.rejected(), effect.counted("samples_lost")), (0, 0), "{}", effect.0),
-        1 => {
-            effect.assert_counted_all("rejected_older_stamp");
-            // The gap that the early one leaves counts as loss: when it is seen nobody knows that the other one comes.
-            effect.assert_counted_all("samples_lost");
-        }
-        2 => effect.assert_counted_all("rejected_repeated_stamp"),
-        3 => effect.assert_counted_all("rejected_too_far_ahead_of_the_clock"),
-        4 => effect.assert_counted_all("rejected_too_far_behind_the_clock"),
-        _ => {
-            // All that arrive 0.7 s late. Those that queue behind the last of them are younger and younger, and come
-            // with it in one burst that is longer than the service's queue, which keeps the newest.
-            let too_old = effect.counted("rejected_too_far_behind_the_clock");
-            let lost = effect.counted("samples_lost");
-            assert!((190..=240).contains(&too_old) && too_old + lost >= 200, "{}", effect.0);
-            assert!(too_old + lost < effect.samples(), "some are used: {}", effect.0);
-            assert_eq!(effect.rejected(), too_old, "{}", effect.0);
-        }
-    });
-}
-
-#[test]
-fn a_source_that_stops_or_dies_is_noticed_and_taken_back() {
-    let faults = ["stop@5:0.3", "stop@9:1", "kill@14:1"];
-    with_faults("19", &faults, |i, effect| {
-        let too_old = effect.counted("rejected_too_far_behind_the_clock");
-        assert!(effect.counted("ticks_coasting") > 0, "{}", effect.0);
-        match i {
-            // Overdue samples come in one burst, which may be longer than the queue: the newest are kept.
-            0 | 1 => {
-                assert_eq!(effect.samples(), [60, 200][i]);
-                assert_eq!(effect.rejected(), too_old, "{}", effect.0);
-                let unused = too_old + effect.counted("samples_lost");
-                // Of a second, the first half is too old for the service, if the queue held it at all.
-                let least = if i == 0 { 0 } else { 90 };
-                assert!((least..=effect.samples()).contains(&unused), "{}", effect.0);
-                effect.assert_none(&["source_changes"]);
-            }
-            // Dead for a second at 200 Hz, and until it publishes again.
-            _ => {
-                assert!(effect.samples() >= 200, "{}", effect.0);
-                assert_eq!(effect.counted("source_changes"), 1, "{}", effect.0);
-            }
-        }
-    });
-}
-
-#[test]
-fn wrong_values_do_no_lasting_harm() {
-    // Spikes come first: were they learned from, the learned force would be spoiled for the faults that follow.
-    let faults = [
-        "spike@5:1.5,size=3,every=10",
-        "spike@9:1,field=angular-velocity,size=5,every=10",
-        "nan@12:0.5",
-        "nan@15:0.5,field=attitude,every=3",
-        "drift@18:1,per_s=0.3",
-        "bias@22:0.5,size=0.5",
-        "freeze@26:0.5,field=velocity",
-    ];
-    with_faults("30.5", &faults, |i, effect| {
-        match i {
-            0 => effect.assert_counted_all("velocities_held_back"),
-            1 => effect.assert_counted_all("angular_velocities_held_back"),
-            2 | 3 => effect.assert_counted_all("rejected_not_finite"),
-            // From the fiftieth repetition on.
-            6 => effect.assert_counted("velocities_stuck", 51),
-            // Plausible each by itself: no check of a single sample sees them.
-            _ => assert_eq!(effect.rejected(), 0, "{}", effect.0),
-        }
-        let samples = [30, 20, 100, 34, 200, 100, 100];
-        assert_eq!(effect.samples(), samples[i], "{}", effect.0);
-    });
-}
-
-#[test]
-fn the_service_s_own_process_may_stop_and_die() {
-    let out = tempfile::tempdir().unwrap();
-    let mut command = bench(&["demo", "--json", "--duration", "13", "--out"]);
-    command.arg(out.path()).args(["--faults", "service-stop@5:0.5;service-kill@9:0.5"]);
-    let output = command.output().unwrap();
-    assert!(output.status.success(), "{}", text(&output.stderr));
-    let document: Value = serde_json::from_slice(&output.stdout).unwrap();
-    assert_eq!(document["estimates_not_finite"], 0);
-    let effects = document["faults"].as_array().unwrap();
+    let effects: Vec<Value> = serde_json::from_value(document["faults"].clone()).unwrap();
     println!("{effects:?}");
-    assert!(Effect(&effects[0]).counted("deadline_misses") >= 90, "{}", effects[0]);
-    assert_eq!(Effect(&effects[1]).counted("service_starts"), 1, "{}", effects[1]);
-    assert!(effects[0]["back_after_s"].as_f64().is_some_and(|s| s <= BACK_WITHIN_S), "{}", effects[0]);
-    // It starts with nothing learned: how long that takes is no matter of this test.
-    assert!(document["samples_used"].as_u64().unwrap() > 200);
+    assert_eq!(effects.len(), faults.len());
+    effects.into_iter().map(Effect).collect()
+}
+
+#[test]
+fn processes_that_stop_or_die_are_noticed_and_taken_back() {
+    let faults = ["stop@5:0.8", "kill@9:0.7", "service-stop@13:0.5", "service-kill@17:0.5"];
+    let [stop, kill, service_stop, service_kill] = through_demo(20.0, &faults).try_into().ok().unwrap();
+    for effect in [&stop, &kill, &service_stop] {
+        assert!(effect.count("ticks_coasting") > 0, "{}", effect.0);
+        effect.assert_back();
+    }
+    // Overdue samples come in one burst, which may be longer than the queue: the newest are kept. Of 0.8 s, the first
+    // 0.3 s are too old for the service, if the queue held them at all.
+    assert_eq!(stop.samples(), 160, "{}", stop.0);
+    assert!(stop.count(TOO_OLD) + stop.count("samples_lost") >= 50, "{}", stop.0);
+    // A new process counts anew, and so says nothing of what was lost meanwhile.
+    assert!(kill.samples() >= 140 && kill.count("source_changes") == 1, "{}", kill.0);
+    assert!(service_stop.count("deadline_misses") >= 90, "{}", service_stop.0);
+    // The new service starts with nothing learned: how long that takes is no matter of this test.
+    assert_eq!(service_kill.count("service_starts"), 1, "{}", service_kill.0);
+}
+
+#[test]
+#[ignore = "takes 80 s and needs an idle machine; run: cargo test -p bench faults -- --ignored"]
+fn each_fault_of_samples_is_counted_by_a_live_service() {
+    // Of the last one the service's queue keeps the newest samples alone.
+    let cases = &OF_SAMPLES[..OF_SAMPLES.len() - 1];
+    let faults: Vec<_> = cases.iter().map(|(fault, ..)| *fault).collect();
+    for (case, effect) in cases.iter().zip(through_demo(DURATION_S - 4.0, &faults)) {
+        effect.assert_back();
+        assert_case(case, effect.samples(), &effect.counted(), effect.disturbances());
+    }
 }
 
 #[test]
@@ -231,8 +256,7 @@ fn wrong_faults_are_refused_before_anything_is_started() {
         ("burst@30:1", "it starts after the end of 20 s"),
         ("service-kill@1:2;service-stop@2:2", "it overlaps"),
     ] {
-        let output = bench(&["demo", "--faults", faults]).output().unwrap();
-        assert_eq!(output.status.code(), Some(2));
-        assert!(text(&output.stderr).contains(expected), "{}", text(&output.stderr));
+        let ended = bench(&["demo", "--faults", faults]);
+        assert!(ended.code == Some(2) && ended.log.contains(expected), "{ended:?}");
     }
 }

@@ -1,20 +1,15 @@
 //! `bench ipc`, `service`, `jitter` and `load` as a user runs them, in tiny: documents that scripts can rely
 //! on, and nothing left behind. No test asserts a time.
 
-mod common;
-
-use common::{bench, run_and_leave_nothing, shared_memory_of, text};
-use rustix::process::{Pid, Signal, kill_process};
+use crate::programs::{BENCH, bench, run_and_leave_nothing, shared_memory_of};
+use rustix::process::Signal;
 use serde_json::Value;
 use std::path::PathBuf;
-use std::process::Stdio;
-use std::time::{Duration, Instant};
+use testkit::{Ended, Process, wait_until};
 
 /// The document that a command prints; it leaves nothing behind.
 fn document(arguments: &[&str]) -> Value {
-    let output = run_and_leave_nothing(&[arguments, &["--json"]].concat());
-    assert!(output.status.success(), "{}", text(&output.stderr));
-    serde_json::from_slice(&output.stdout).unwrap()
+    serde_json::from_str(&run_and_leave_nothing(&[arguments, &["--json"]].concat()).ok()).unwrap()
 }
 
 /// Quantiles in ascending order, or null with a reason.
@@ -80,13 +75,11 @@ fn round_trips_are_compared_and_nothing_stays() {
 
 #[test]
 fn a_round_trip_is_shown_as_a_table_too_and_wrong_options_are_refused() {
-    let output = bench(&["ipc", "--samples", "20", "--pause-us", "50"]).output().unwrap();
-    assert!(output.status.success(), "{}", text(&output.stderr));
+    let table = bench(&["ipc", "--samples", "20", "--pause-us", "50"]).ok();
     if has_two_cores() {
-        assert!(text(&output.stdout).contains("bare: round trip"), "{}", text(&output.stdout));
-        assert!(text(&output.stdout).contains("publish: C "), "{}", text(&output.stdout));
+        assert!(table.contains("bare: round trip") && table.contains("publish: C "), "{table}");
     }
-    let code = |arguments: &[&str]| bench(arguments).output().unwrap().status.code();
+    let code = |arguments: &[&str]| bench(arguments).code;
     assert_eq!(code(&["ipc", "--samples", "0"]), Some(2));
     assert_eq!(code(&["jitter", "--priority", "100"]), Some(2));
     assert_eq!(code(&["service", "--rates-hz", "0"]), Some(2));
@@ -148,11 +141,9 @@ fn lateness_has_a_row_for_each_mode_whatever_is_granted() {
 
 #[test]
 fn cyclictest_that_is_not_there_is_said_with_its_remedy() {
-    let mut command =
-        bench(&["jitter", "--rates-hz", "1000", "--seconds", "0.05", "--slices", "1", "--json"]);
-    let output = command.env("PATH", "/nowhere").output().unwrap();
-    assert!(output.status.success(), "{}", text(&output.stderr));
-    let found: Value = serde_json::from_slice(&output.stdout).unwrap();
+    let arguments = ["jitter", "--rates-hz", "1000", "--seconds", "0.05", "--slices", "1", "--json"];
+    let ended = Ended::of(BENCH.command(&arguments).env("PATH", "/nowhere"));
+    let found: Value = serde_json::from_str(&ended.ok()).unwrap();
     let row = |mode: &str| found["rows"].as_array().unwrap().iter().find(|row| row["mode"] == mode).unwrap();
     for mode in ["cyclictest-fifo", "cyclictest-other"] {
         assert!(row(mode)["lateness_ns"].is_null());
@@ -183,14 +174,11 @@ fn readers_and_vehicles_are_counted_and_nothing_stays_even_after_ctrl_c() {
         }
     }
 
-    let mut command = bench(&["load", "--readers", "1", "--instances", "2", "--seconds", "600", "--json"]);
-    let mut load = command.stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap();
-    let started = Instant::now();
-    while shared_memory_of(load.id()).len() < 5 {
-        assert!(started.elapsed() < Duration::from_secs(20), "it does not start");
-        std::thread::sleep(Duration::from_millis(20));
-    }
-    kill_process(Pid::from_child(&load), Signal::INT).unwrap();
-    assert!(load.wait().unwrap().success());
-    assert_eq!(shared_memory_of(load.id()), Vec::<PathBuf>::new());
+    let arguments = ["load", "--readers", "1", "--instances", "2", "--seconds", "600", "--json"];
+    let load = Process::spawn(BENCH.command(&arguments));
+    let pid = load.pid();
+    wait_until("its services", || shared_memory_of(pid).len() >= 5);
+    load.signal(Signal::INT);
+    load.finish().ok();
+    assert_eq!(shared_memory_of(pid), Vec::<PathBuf>::new());
 }

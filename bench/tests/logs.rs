@@ -1,18 +1,12 @@
 //! Recorded flights as people have them: whole, cut off anywhere, of a kind that nobody named; and what is made of
 //! one by `bench tune`.
 
-mod common;
-
-use common::text;
+use crate::programs::{bench, document};
 use sim_publisher::{Scenario, Simulation, SimulationOptions};
 use std::path::{Path, PathBuf};
-use std::process::{Command, Output};
+use testkit::Ended;
 
 const DATA: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../shared/data");
-
-fn bench(arguments: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_bench")).args(arguments).output().unwrap()
-}
 
 /// The recorded flight of this name, unless it is not here.
 fn recorded(name: &str) -> Option<PathBuf> {
@@ -44,25 +38,22 @@ fn cut_off(name: &str, arguments: &[&str]) {
         std::fs::write(&file, &bytes[..length]).unwrap();
         bench(&[&["replay", file.to_str().unwrap(), "--json"], arguments].concat())
     };
-    let samples = |output: &Output| {
-        let document: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    let samples = |out: &str| {
+        let document: serde_json::Value = serde_json::from_str(out).unwrap();
         document["samples"].as_u64().unwrap()
     };
-    let whole = replay(bytes.len());
-    assert!(whole.status.success(), "{}", text(&whole.stderr));
-    let of_whole = samples(&whole);
+    let of_whole = samples(&replay(bytes.len()).ok());
     let mut shorter = 0;
     for place in places(bytes.len()) {
-        let output = replay(place);
-        let said = text(&output.stderr);
-        assert!(!said.contains("panicked"), "cut at {place}: {said}");
-        match output.status.code() {
+        let Ended { code, out, log } = replay(place);
+        assert!(!log.contains("panicked"), "cut at {place}: {log}");
+        match code {
             Some(0) => {
-                assert!((1..=of_whole).contains(&samples(&output)), "cut at {place}");
+                assert!((1..=of_whole).contains(&samples(&out)), "cut at {place}");
                 shorter += 1;
             }
-            Some(1 | 2) => assert!(said.trim().len() > 20, "cut at {place}: {said}"),
-            code => panic!("cut at {place}: {code:?}, {said}"),
+            Some(1 | 2) => assert!(log.trim().len() > 20, "cut at {place}: {log}"),
+            code => panic!("cut at {place}: {code:?}, {log}"),
         }
     }
     println!("{name}: {of_whole} samples, {shorter} of 20 cut ones flew, the others were refused");
@@ -105,7 +96,7 @@ fn tuning_mends_a_bad_start_on_the_half_that_it_never_saw() {
 
     let tuned = directory.path().join("tuned.toml");
     let [flight, start, out] = [&flight, &start, &tuned].map(|path| path.to_str().unwrap());
-    let output = bench(&[
+    let found = document(&[
         "tune",
         flight,
         "--config",
@@ -119,18 +110,14 @@ fn tuning_mends_a_bad_start_on_the_half_that_it_never_saw() {
         "--out",
         out,
     ]);
-    assert!(output.status.success(), "{}", text(&output.stderr));
-    let document: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
-    let coast = |when: usize| document["second_half"][when]["coast_rms_m_s"].as_f64().unwrap();
-    println!("coast {} before, {} after; {}", coast(0), coast(1), document["values"]);
+    let coast = |when: usize| found["second_half"][when]["coast_rms_m_s"].as_f64().unwrap();
+    println!("coast {} before, {} after; {}", coast(0), coast(1), found["values"]);
     assert!(coast(1) < 0.8 * coast(0), "{} before, {} after", coast(0), coast(1));
 
     // The configuration says so in its head, is one, and flies as promised.
     assert!(text_of(&tuned).starts_with("# Tuned by `bench tune`"), "{}", text_of(&tuned));
     assert!(text_of(&tuned).contains(&format!("{:.4} m/s before, {:.4} after", coast(0), coast(1))));
-    let replayed = bench(&["replay", flight, "--config", out, "--coast-s", "1", "--json"]);
-    assert!(replayed.status.success(), "{}", text(&replayed.stderr));
-    let replayed: serde_json::Value = serde_json::from_slice(&replayed.stdout).unwrap();
+    let replayed = document(&["replay", flight, "--config", out, "--coast-s", "1", "--json"]);
     let again = replayed["rows"][0]["coast_rms_m_s"].as_f64().unwrap();
     assert!((again - coast(1)).abs() < 1e-3 * again, "{again} where {} was promised", coast(1));
 }
@@ -146,8 +133,7 @@ fn tuning_says_why_it_cannot() {
         (vec!["tune", file, "--coast-weight", "2"], "needed: 0 … 1"),
         (vec!["tune", "/no/such.ulg"], "cannot read '/no/such.ulg'"),
     ] {
-        let output = bench(&arguments);
-        let said = text(&output.stderr);
-        assert!(!output.status.success() && said.contains(needed), "{arguments:?}: {said}");
+        let ended = bench(&arguments);
+        assert!(ended.code != Some(0) && ended.log.contains(needed), "{arguments:?}: {ended:?}");
     }
 }

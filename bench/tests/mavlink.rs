@@ -3,9 +3,7 @@
 //! The vehicle (`mavlink_peer.py`) computes its rotations itself, and its clock is ours less an offset that it knows: values
 //! and stamps are compared with what it says they were.
 
-mod common;
-
-use common::{Role, TestDomain, text};
+use crate::programs::BENCH;
 use serde_json::Value;
 use shared_types::Client;
 use shared_types::client::Stream;
@@ -13,70 +11,32 @@ use shared_types::payload::{Estimate, Measurement, Rejection, Status, command, f
 use std::io::{BufRead, BufReader, Read, Write};
 use std::net::UdpSocket;
 use std::path::{Path, PathBuf};
-use std::process::{Child, Command, Stdio};
+use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
+use testkit::{Ended, PATIENCE, Process, TestDomain};
 
-const PATIENCE: Duration = Duration::from_secs(10);
 const PEER: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/mavlink_peer.py");
 const PYMAVLINK: &str = "pymavlink==2.4.50";
 /// Single precision, of numbers up to some ten.
 const ROUNDING: f64 = 3e-6;
 
-/// Past the test's capture: nobody shall take a skipped test for a passed one.
-fn skip(reason: &str) {
-    let _ = writeln!(std::io::stderr(), "skipped: the MAVLink bridge against pymavlink: {reason}");
+/// The interpreter of an environment with pymavlink; `None`, and said so, where this machine gives none.
+fn python() -> Option<PathBuf> {
+    let directory = Path::new(env!("CARGO_TARGET_TMPDIR")).join("mavlink-peer");
+    let made = testkit::python::environment(&directory, &[PYMAVLINK]);
+    made.inspect_err(|reason| testkit::skip("the MAVLink bridge against pymavlink", reason)).ok()
 }
 
-fn run(command: &mut Command) -> Result<(), String> {
-    match command.output() {
-        Ok(output) if output.status.success() => Ok(()),
-        Ok(output) => Err(format!("{command:?}: {}", String::from_utf8_lossy(&output.stderr))),
-        Err(error) => Err(format!("{command:?}: {error}")),
-    }
+/// The vehicle's process. It reads a line before a flight over a serial line.
+fn peer(python: &Path, arguments: &[&str]) -> Process {
+    let mut command = Command::new(python);
+    command.arg(PEER).args(arguments).stdin(Stdio::piped()).env("PYTHONDONTWRITEBYTECODE", "1");
+    Process::spawn(command)
 }
 
-/// The interpreter of an environment with pymavlink, made once, or why this machine gives none.
-fn python() -> Result<&'static Path, String> {
-    static PYTHON: std::sync::OnceLock<Result<PathBuf, String>> = std::sync::OnceLock::new();
-    let made = PYTHON.get_or_init(|| {
-        let directory = Path::new(env!("CARGO_TARGET_TMPDIR")).join("mavlink-peer");
-        let python = directory.join("bin/python");
-        if run(Command::new(&python).args(["-m", "pip", "--version"])).is_err() {
-            run(Command::new("python3").args(["-m", "venv", "--clear"]).arg(&directory))?;
-        }
-        let quietly = ["-m", "pip", "install", "--quiet", "--disable-pip-version-check", "--no-input"];
-        run(Command::new(&python).args(quietly).arg(PYMAVLINK))?;
-        Ok(python)
-    });
-    made.as_deref().map_err(Clone::clone)
-}
-
-/// The vehicle's process, killed when the test ends.
-struct Peer(Child);
-
-impl Peer {
-    fn start(python: &Path, arguments: &[&str]) -> Self {
-        let mut command = Command::new(python);
-        command.arg(PEER).args(arguments).stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped());
-        Self(command.env("PYTHONDONTWRITEBYTECODE", "1").spawn().unwrap())
-    }
-
-    /// What it sent and heard.
-    fn finish(mut self) -> Value {
-        let mut said = String::new();
-        self.0.stdout.take().unwrap().read_to_string(&mut said).unwrap();
-        let mut log = String::new();
-        self.0.stderr.take().unwrap().read_to_string(&mut log).unwrap();
-        assert!(self.0.wait().unwrap().success(), "{log}");
-        serde_json::from_str(&said).unwrap()
-    }
-}
-
-impl Drop for Peer {
-    fn drop(&mut self) {
-        let _ = self.0.kill();
-        let _ = self.0.wait();
-    }
+/// What the vehicle sent and heard.
+fn heard(peer: Process) -> Value {
+    serde_json::from_str(&peer.finish_within(2 * PATIENCE).ok()).unwrap()
 }
 
 fn free_port() -> u16 {
@@ -134,24 +94,22 @@ struct Flight {
 
 fn fly(python: &Path, flight: &str, n: usize, options: &[&str]) -> Flight {
     let domain = TestDomain::new();
-    let daemon = Role::start(&domain, &["daemon", "run", "--preset", "rigid-body", "--fresh"]);
-    let client = Client::connect(&domain.domain, "vehicle", PATIENCE).unwrap();
+    let daemon = BENCH.start(&domain, &["daemon", "run", "--preset", "rigid-body", "--fresh"]);
+    let client = domain.client();
     let recorder = Recorder::start(&domain);
     let n = n.to_string();
     let port = free_port();
     let (listen, wire) = (format!("udp:127.0.0.1:{port}"), format!("udpout:127.0.0.1:{port}"));
     let arguments = [&["sim_publisher", "mavlink", "--json", "--listen", &listen], options].concat();
-    let bridge = Role::start(&domain, &arguments);
-    let peer = Peer::start(python, &[&wire, flight, "--n", &n]).finish();
-    let bridge = bridge.stop();
-    let log = text(&bridge.stderr).to_owned();
-    assert!(bridge.status.success(), "{log}");
+    let bridge = BENCH.start(&domain, &arguments);
+    let peer = heard(peer(python, &[&wire, flight, "--n", &n]));
+    let Ended { code, out, log } = bridge.stop();
+    assert_eq!(code, Some(0), "{log}");
     let status = client.command(command::STATUS, PATIENCE).unwrap().status;
     let (samples, estimates) = recorder.finish();
     drop(client);
-    let daemon = daemon.stop();
-    assert!(daemon.status.success(), "{}", text(&daemon.stderr));
-    let bridge = serde_json::from_slice(&bridge.stdout).unwrap();
+    daemon.stop().ok();
+    let bridge = serde_json::from_str(&out).unwrap();
     println!("{log}{bridge}");
     Flight { peer, bridge, log, status, samples, estimates }
 }
@@ -226,11 +184,8 @@ fn told(later_s: &[f64]) -> (f64, f64, f64) {
 
 #[test]
 fn a_thousand_odometry_samples_go_in_and_the_estimates_come_back_as_odometry() {
-    let python = match python() {
-        Ok(python) => python,
-        Err(reason) => return skip(&reason),
-    };
-    let flight = fly(python, "odometry", 1000, &["--send", "odometry", "--send-rate-hz", "200"]);
+    let Some(python) = python() else { return };
+    let flight = fly(&python, "odometry", 1000, &["--send", "odometry", "--send-rate-hz", "200"]);
     assert_eq!(flight.bridge["samples_published"], 1000);
     for none in
         ["garbage_bytes", "crc_failures", "frames_lost", "unreadable", "samples_out_of_order", "clock_resets"]
@@ -309,10 +264,7 @@ fn turned([w, x, y, z]: [f64; 4], v: [f64; 3]) -> [f64; 3] {
 
 #[test]
 fn position_and_attitude_are_joined_and_the_thrust_becomes_a_force() {
-    let python = match python() {
-        Ok(python) => python,
-        Err(reason) => return skip(&reason),
-    };
+    let Some(python) = python() else { return };
     let options = [
         "--thrust-n",
         "39.2",
@@ -323,7 +275,7 @@ fn position_and_attitude_are_joined_and_the_thrust_becomes_a_force() {
         "--own-component-id",
         "191",
     ];
-    let flight = fly(python, "pair", 600, &options);
+    let flight = fly(&python, "pair", 600, &options);
     assert_eq!(flight.bridge["samples_published"], 600);
     assert_eq!(flight.bridge["samples_with_force"], 600);
     assert_eq!(flight.bridge["samples_out_of_order"], 0);
@@ -341,11 +293,8 @@ fn position_and_attitude_are_joined_and_the_thrust_becomes_a_force() {
 
 #[test]
 fn garbage_half_packets_other_systems_and_a_reboot_do_no_harm() {
-    let python = match python() {
-        Ok(python) => python,
-        Err(reason) => return skip(&reason),
-    };
-    let flight = fly(python, "hostile", 1000, &[]);
+    let Some(python) = python() else { return };
+    let flight = fly(&python, "hostile", 1000, &[]);
     let injected = &flight.peer["injected"];
     assert_eq!(flight.bridge["samples_published"], 1000);
     for (counter, name) in [
@@ -377,33 +326,27 @@ fn garbage_half_packets_other_systems_and_a_reboot_do_no_harm() {
 
 #[test]
 fn a_serial_line_works_like_the_network_and_is_waited_for_when_it_goes() {
-    let python = match python() {
-        Ok(python) => python,
-        Err(reason) => return skip(&reason),
-    };
+    let Some(python) = python() else { return };
     let domain = TestDomain::new();
-    let daemon = Role::start(&domain, &["daemon", "run", "--preset", "rigid-body", "--fresh"]);
-    let client = Client::connect(&domain.domain, "vehicle", PATIENCE).unwrap();
-    let mut peer = Peer::start(python, &["pty", "odometry", "--n", "200"]);
+    let daemon = BENCH.start(&domain, &["daemon", "run", "--preset", "rigid-body", "--fresh"]);
+    let client = domain.client();
+    let mut peer = peer(&python, &["pty", "odometry", "--n", "200"]);
     let mut device = String::new();
-    let mut said = BufReader::new(peer.0.stdout.take().unwrap());
+    let mut said = BufReader::new(peer.child.stdout.take().unwrap());
     said.read_line(&mut device).unwrap();
     let listen = format!("serial:{}:921600", device.trim());
-    let bridge = Role::start(
-        &domain,
-        &["sim_publisher", "mavlink", "--json", "--listen", &listen, "--send", "odometry"],
-    );
+    let bridge = BENCH
+        .start(&domain, &["sim_publisher", "mavlink", "--json", "--listen", &listen, "--send", "odometry"]);
     std::thread::sleep(Duration::from_millis(300));
-    peer.0.stdin.take().unwrap().write_all(b"go\n").unwrap();
+    peer.child.stdin.take().unwrap().write_all(b"go\n").unwrap();
     let mut rest = String::new();
     said.read_to_string(&mut rest).unwrap();
     let heard: Value = serde_json::from_str(&rest).unwrap();
     // Its end of the line is gone, as with a plug pulled out.
     std::thread::sleep(Duration::from_millis(300));
-    let bridge = bridge.stop();
-    let log = text(&bridge.stderr);
-    assert!(bridge.status.success() && log.contains("waiting for it to come back"), "{log}");
-    let bridge: Value = serde_json::from_slice(&bridge.stdout).unwrap();
+    let Ended { code, out, log } = bridge.stop();
+    assert!(code == Some(0) && log.contains("waiting for it to come back"), "{log}");
+    let bridge: Value = serde_json::from_str(&out).unwrap();
     assert_eq!(bridge["samples_published"], 200);
     assert_eq!(bridge["crc_failures"], 0);
     assert_eq!(bridge["estimates_sent"], heard["odometry"].as_array().unwrap().len());
@@ -411,25 +354,20 @@ fn a_serial_line_works_like_the_network_and_is_waited_for_when_it_goes() {
     let status = client.command(command::STATUS, PATIENCE).unwrap().status;
     assert_accepted(&status, 200);
     drop(client);
-    assert!(daemon.stop().status.success());
+    daemon.stop().ok();
 }
 
 #[test]
 fn the_bridge_outlives_the_service_and_feeds_its_successor() {
-    let python = match python() {
-        Ok(python) => python,
-        Err(reason) => return skip(&reason),
-    };
+    let Some(python) = python() else { return };
     let domain = TestDomain::new();
     let port = free_port();
     let (listen, wire) = (format!("udp:127.0.0.1:{port}"), format!("udpout:127.0.0.1:{port}"));
     // Before there is any service.
-    let bridge = Role::start(
-        &domain,
-        &["sim_publisher", "mavlink", "--json", "--listen", &listen, "--send", "odometry"],
-    );
-    let daemon = Role::start(&domain, &["daemon", "run", "--preset", "rigid-body", "--fresh"]);
-    let peer = Peer::start(python, &[&wire, "odometry", "--n", "1000"]);
+    let bridge = BENCH
+        .start(&domain, &["sim_publisher", "mavlink", "--json", "--listen", &listen, "--send", "odometry"]);
+    let daemon = BENCH.start(&domain, &["daemon", "run", "--preset", "rigid-body", "--fresh"]);
+    let peer = peer(&python, &[&wire, "odometry", "--n", "1000"]);
     let accepted = |least: u64| {
         let deadline = Instant::now() + 2 * PATIENCE;
         loop {
@@ -447,15 +385,13 @@ fn the_bridge_outlives_the_service_and_feeds_its_successor() {
     };
     accepted(100);
     daemon.kill();
-    let daemon = Role::start(&domain, &["daemon", "run", "--preset", "rigid-body", "--fresh"]);
+    let daemon = BENCH.start(&domain, &["daemon", "run", "--preset", "rigid-body", "--fresh"]);
     accepted(100);
-    let heard = peer.finish();
-    let bridge = bridge.stop();
-    assert!(bridge.status.success(), "{}", text(&bridge.stderr));
-    let bridge: Value = serde_json::from_slice(&bridge.stdout).unwrap();
+    let heard = heard(peer);
+    let bridge: Value = serde_json::from_str(&bridge.stop().ok()).unwrap();
     assert_eq!(bridge["samples_published"], 1000);
     assert_eq!(bridge["estimates_sent"], heard["odometry"].as_array().unwrap().len());
-    assert!(daemon.stop().status.success());
+    daemon.stop().ok();
 }
 
 #[test]
@@ -472,9 +408,7 @@ fn what_cannot_be_opened_is_told_with_a_remedy() {
         ("tcp:127.0.0.1:5760", 2, "needed: udp:ADDRESS:PORT"),
     ];
     for (listen, code, words) in refused {
-        let output = Role::start(&domain, &["sim_publisher", "mavlink", "--listen", listen]).finish(PATIENCE);
-        let said = text(&output.stderr);
-        assert_eq!(output.status.code(), Some(code), "{said}");
-        assert!(said.contains(words), "{listen}: {said}");
+        let ended = BENCH.start(&domain, &["sim_publisher", "mavlink", "--listen", listen]).finish();
+        assert!(ended.code == Some(code) && ended.log.contains(words), "{listen}: {ended:?}");
     }
 }

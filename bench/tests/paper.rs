@@ -1,12 +1,10 @@
 //! `bench paper` against a reference that shares no code with it, and the command as a user runs it.
 
-mod common;
-
 use bench::paper::run::Run;
 use bench::paper::{Example, PaperArguments, rows, run};
 use clap::Parser;
-use common::{bench, text};
 use std::path::{Path, PathBuf};
+use testkit::Ended;
 
 /// What the command's flags are read with.
 #[derive(Parser)]
@@ -144,9 +142,9 @@ fn a_run_in_which_sigma_was_held_down_says_so() {
     let run = paper(&flags.join(" "));
     assert!(run.n_clamped > 0 && run.n_clamped < run.rows.len());
     let summary = output_of(&flags, directory.path());
-    assert!(text(&summary.stdout).contains(&format!("held down in {} steps", run.n_clamped)));
+    assert!(summary.out.contains(&format!("held down in {} steps", run.n_clamped)));
     let document = output_of(&[&flags[..], &["--json"]].concat(), directory.path());
-    let document: serde_json::Value = serde_json::from_slice(&document.stdout).unwrap();
+    let document: serde_json::Value = serde_json::from_str(&document.out).unwrap();
     assert_eq!(document["sigma_clamped_steps"], run.n_clamped);
 }
 
@@ -166,8 +164,8 @@ fn the_paper_s_settings_hardly_learn_and_others_do() {
     assert_eq!(error, truth, "no output error leaves the rotation's dead zone");
 }
 
-fn output_of(flags: &[&str], out: &Path) -> std::process::Output {
-    bench(&[&["paper", "--out", out.to_str().unwrap()], flags].concat()).output().unwrap()
+fn output_of(flags: &[&str], out: &Path) -> Ended {
+    crate::programs::bench(&[&["paper", "--out", out.to_str().unwrap()], flags].concat())
 }
 
 #[test]
@@ -175,7 +173,7 @@ fn the_table_gives_the_same_numbers_back() {
     let directory = tempfile::tempdir().unwrap();
     for (scenario, example) in [("translation", Example::Translation), ("rotation", Example::Rotation)] {
         let flags = ["--scenario", scenario, "--duration", "2", "--dead-zone", "step", "--width", "0.02"];
-        assert!(output_of(&flags, directory.path()).status.success());
+        output_of(&flags, directory.path()).ok();
         let table = std::fs::read_to_string(directory.path().join(format!("{scenario}.csv"))).unwrap();
         let mut lines = table.lines();
         assert_eq!(lines.next().unwrap().split(',').collect::<Vec<_>>(), rows::columns(example));
@@ -197,8 +195,7 @@ fn the_command_writes_its_files_and_prints_one_document() {
         ("rotation", &["euler_angles", "angular_rate"], "euler_angle_rms_rad", "torque_rms_n_m"),
     ] {
         let output = output_of(&["--scenario", scenario, "--duration", "5", "--json"], &directory);
-        assert!(output.status.success(), "{}", text(&output.stderr));
-        let document: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+        let document: serde_json::Value = serde_json::from_str(&output.ok()).unwrap();
         assert_eq!(document["scenario"], scenario);
         assert_eq!((&document["rate_hz"], &document["duration_s"]), (&200.0.into(), &5.0.into()));
         assert_eq!(
@@ -236,7 +233,7 @@ fn the_command_writes_its_files_and_prints_one_document() {
 fn the_summary_names_every_quantity_and_file() {
     let directory = tempfile::tempdir().unwrap();
     let output = output_of(&["--scenario", "rotation", "--duration", "5"], directory.path());
-    let printed = text(&output.stdout);
+    let printed = output.ok();
     for word in ["Euler angles (rad)", "angular velocity (rad/s)", "unknown torque (N·m)", "second half"] {
         assert!(printed.contains(word), "{word} in {printed}");
     }
@@ -266,10 +263,9 @@ fn impossible_options_are_refused_by_name() {
     let out = parent.path().join("nothing");
     for (flags, expected) in cases {
         let output = output_of(&flags.split_whitespace().collect::<Vec<_>>(), &out);
-        let said = text(&output.stderr);
-        assert_eq!(output.status.code(), Some(2), "{flags}: {said}");
-        assert!(said.contains(expected), "{flags}: {said}");
-        assert!(output.stdout.is_empty() && !out.exists(), "{flags}");
+        assert_eq!(output.code, Some(2), "{flags}: {output:?}");
+        assert!(output.log.contains(expected), "{flags}: {output:?}");
+        assert!(output.out.is_empty() && !out.exists(), "{flags}");
     }
 }
 
@@ -279,12 +275,10 @@ fn failures_while_running_are_told_from_wrong_usage() {
     let file = directory.path().join("a file");
     std::fs::write(&file, "").unwrap();
     let output = output_of(&["--scenario", "translation", "--duration", "1"], &file);
-    assert_eq!(output.status.code(), Some(1), "{}", text(&output.stderr));
-    assert!(text(&output.stderr).contains("cannot make the output directory"));
+    assert!(output.code == Some(1) && output.log.contains("cannot make the output directory"), "{output:?}");
 
     let unstable =
         "--scenario translation --scheme predict-first --dead-zone saturated --adaptation-rate 2e5";
     let output = output_of(&unstable.split_whitespace().collect::<Vec<_>>(), directory.path());
-    assert_eq!(output.status.code(), Some(1), "{}", text(&output.stderr));
-    assert!(text(&output.stderr).contains("the estimate is not finite after"), "{}", text(&output.stderr));
+    assert!(output.code == Some(1) && output.log.contains("the estimate is not finite after"), "{output:?}");
 }

@@ -91,7 +91,7 @@ fn whatever_the_umask_only_the_owner_can_open_anything() {
         shell.arg("-c").arg(format!("umask {umask}; exec \"$0\" \"$@\"")).arg(daemon.get_program());
         shell.envs(daemon.get_envs().filter_map(|(name, value)| Some((name, value?))));
         shell.args(daemon.get_args()).stdout(Stdio::piped()).stderr(Stdio::piped());
-        let daemon = Daemon { child: shell.spawn().unwrap() };
+        let daemon = Daemon::of(shell.spawn().unwrap());
         in_use(&domain);
         assert_eq!(daemon.stop().0, Some(0), "umask {umask}");
         domain.assert_clean();

@@ -290,7 +290,7 @@ fn a_default_directory_that_cannot_be_made_is_no_reason_to_stay_on_the_ground() 
         let mut command = daemon_command(&domain, &["run"]);
         configure(command.env_remove("OBSERVER_STATE"));
         let child = command.stdout(std::process::Stdio::piped()).stderr(std::process::Stdio::piped()).spawn();
-        Daemon { child: child.unwrap() }
+        Daemon::of(child.unwrap())
     };
     let daemon = run(&|command| _ = command.env("STATE_DIRECTORY", file.path().join("below")));
     domain.client();

@@ -2,29 +2,24 @@
 //!
 //! stdout carries results, stderr the log. Exit codes: 0 done, 1 failed while running, 2 wrong usage.
 
-use crate::link::{Announcer, LOOK_EVERY, Link, News, Whence};
-use crate::model::Model;
+use crate::lines::{lines, once};
+use crate::link::Whence;
 use crate::record::{self, Compression, record};
-use crate::screen::{self, now};
-use crate::sections::text;
 use crate::serve::serve;
-use crate::theme::Theme;
+use crate::view::screen;
+use crate::view::theme::Theme;
 use anyhow::Context;
 use clap::{Args, Parser, Subcommand};
-use serde::Serialize;
-use shared_types::payload::status_bits;
 use shared_types::service::{ServiceError, check_instance_name};
-use shared_types::{Client, ClientError, Domain, DomainError, Estimate, Status};
-use shared_types::{clock::monotonic_ns, logln, outln};
+use shared_types::{Domain, DomainError, logln, outln};
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 use std::ffi::OsString;
-use std::io::{ErrorKind, IsTerminal, Write, stdout};
+use std::io::{ErrorKind, IsTerminal, stdout};
 use std::net::SocketAddr;
 use std::path::PathBuf;
 use std::process::ExitCode;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::time::Duration;
+use std::sync::atomic::AtomicBool;
 
 /// A live view of the estimation service: state, learned force, trust, samples, latencies, in a terminal.
 ///
@@ -76,21 +71,18 @@ struct Arguments {
 
 /// Whom to listen to.
 #[derive(Debug, Args)]
-pub struct Target {
+struct Target {
     /// Name of the vehicle
     #[arg(long, value_name = "NAME", default_value = "vehicle")]
-    pub instance: String,
+    instance: String,
     /// Root path of the shared-memory domain [default: /dev/shm/observer-UID]
     #[arg(long, value_name = "PATH", env = shared_types::domain::ROOT_VARIABLE)]
-    pub root: Option<PathBuf>,
+    root: Option<PathBuf>,
 }
 
 impl Target {
     /// The shared memory's domain; the vehicle's name is checked, too.
-    ///
-    /// # Errors
-    /// A path or a name that cannot be.
-    pub fn domain(&self) -> anyhow::Result<Domain> {
+    fn domain(&self) -> anyhow::Result<Domain> {
         check_instance_name(&self.instance)?;
         Ok(Domain::at_or_of_user(self.root.as_deref())?)
     }
@@ -168,11 +160,6 @@ fn parse_fps(text: &str) -> Result<f64, String> {
     }
 }
 
-/// How long `--once` waits for an estimate and a status.
-const ONCE_PATIENCE: Duration = Duration::from_secs(5);
-/// Columns of the text of `--once`.
-const TEXT_WIDTH: usize = 100;
-
 /// Runs `monitor` with these arguments, the program's name first.
 pub fn main_with_args(args: impl IntoIterator<Item = OsString>) -> ExitCode {
     let arguments: Arguments = match command_line::parse(args) {
@@ -214,7 +201,7 @@ fn run(arguments: &Arguments) -> anyhow::Result<()> {
         Some(Command::Record(RecordArguments { file, force, duration_s, compression, json, target })) => {
             let options =
                 record::Options { file, force: *force, compression: *compression, duration_s: *duration_s };
-            let summary = record(target, &options, &stop)?;
+            let summary = record(&target.domain()?, &target.instance, &options, &stop)?;
             match json {
                 true => outln!("{}", serde_json::to_string_pretty(&summary)?),
                 false => outln!("{summary}"),
@@ -222,7 +209,7 @@ fn run(arguments: &Arguments) -> anyhow::Result<()> {
             return Ok(());
         }
         Some(Command::Serve(ServeArguments { listen, duration_s, target })) => {
-            return serve(target, *listen, *duration_s, &stop);
+            return serve(&target.domain()?, &target.instance, *listen, *duration_s, &stop);
         }
         None => {}
     }
@@ -241,117 +228,6 @@ fn run(arguments: &Arguments) -> anyhow::Result<()> {
             screen::run(&domain, instance, whence, *fps, Theme { is_coloured: !no_colour }, &stop)
         }
     }
-}
-
-/// An estimate with its status in words.
-#[derive(Serialize)]
-struct EstimateLine<'a> {
-    status_words: Vec<&'static str>,
-    #[serde(flatten)]
-    estimate: &'a Estimate,
-}
-
-impl<'a> EstimateLine<'a> {
-    fn of(estimate: &'a Estimate) -> Self {
-        Self { status_words: status_bits::words(estimate.status), estimate }
-    }
-}
-
-#[derive(Serialize)]
-struct Document<'a> {
-    estimate: EstimateLine<'a>,
-    status: &'a Status,
-}
-
-fn once(domain: &Domain, instance: &str, whence: Whence, json: bool) -> anyhow::Result<()> {
-    let mut model = Model::new(instance);
-    {
-        let client = Client::connect(domain, instance, ONCE_PATIENCE);
-        if client.is_err() {
-            // A domain that only this question has made is taken away again, if it can be.
-            let _ = domain.remove_if_unused();
-        }
-        let client = match client {
-            Err(ClientError::NoDaemon { .. }) if whence == Whence::AnotherMachine => anyhow::bail!(
-                "nothing of '{instance}' comes over the link within {} s; needed: its service, a tunnel on its machine and one here (docs/across-machines.md)",
-                ONCE_PATIENCE.as_secs()
-            ),
-            client => client?,
-        };
-        let mut statuses = client.status_subscriber()?;
-        let mut estimates = client.estimate_subscriber()?;
-        let asked_ns = monotonic_ns();
-        // What a dead service said last is older than the question. On another machine's clock only a second message
-        // tells that it lives.
-        let is_new = |stamp_ns: u64, n_heard: &mut u64| {
-            *n_heard += 1;
-            match whence {
-                Whence::ThisMachine => stamp_ns + 1_000_000_000 > asked_ns,
-                Whence::AnotherMachine => *n_heard > 1,
-            }
-        };
-        let (mut n_statuses, mut n_estimates) = (0, 0);
-        while model.estimate.is_none() || model.status.is_none() {
-            let waited_s = (monotonic_ns() - asked_ns) as f64 / 1e9;
-            anyhow::ensure!(
-                waited_s < ONCE_PATIENCE.as_secs_f64(),
-                "no {} within {waited_s:.1} s; does the service run? (daemon control status)",
-                if model.estimate.is_none() { "estimate" } else { "status" },
-            );
-            while let Some(status) = statuses.take()? {
-                if is_new(status.stamp_ns, &mut n_statuses) {
-                    model.note(News::Status(status));
-                }
-            }
-            while let Some(estimate) = estimates.take()? {
-                if whence == Whence::AnotherMachine {
-                    model.clock.note(estimate.publish_stamp_ns, monotonic_ns());
-                }
-                if is_new(estimate.publish_stamp_ns, &mut n_estimates) {
-                    model.note(News::Estimate(estimate));
-                }
-            }
-            std::thread::sleep(LOOK_EVERY);
-        }
-    }
-    let printed = match (&model.estimate, &model.status) {
-        (Some(estimate), Some(status)) if json => {
-            serde_json::to_string_pretty(&Document { estimate: EstimateLine::of(estimate), status })?
-        }
-        _ => text(&model, now(&model), TEXT_WIDTH),
-    };
-    writeln!(stdout(), "{printed}")?;
-    Ok(())
-}
-
-fn lines(
-    domain: &Domain,
-    instance: &str,
-    whence: Whence,
-    count: Option<u64>,
-    stop: &AtomicBool,
-) -> anyhow::Result<()> {
-    let mut link = Link::new(domain.clone(), instance, whence, monotonic_ns());
-    let mut announcer = Announcer::default();
-    let mut left = count.unwrap_or(u64::MAX);
-    while !stop.load(Ordering::Relaxed) && left > 0 {
-        let mut estimates = Vec::new();
-        link.look(monotonic_ns(), |news| {
-            announcer.note(&news);
-            if let News::Estimate(estimate) = news {
-                estimates.push(estimate);
-            }
-        })?;
-        let mut out = stdout().lock();
-        for estimate in estimates.iter().take(usize::try_from(left).unwrap_or(usize::MAX)) {
-            serde_json::to_writer(&mut out, &EstimateLine::of(estimate)).map_err(std::io::Error::from)?;
-            writeln!(out)?;
-            left -= 1;
-        }
-        drop(out);
-        std::thread::sleep(LOOK_EVERY);
-    }
-    Ok(())
 }
 
 #[cfg(test)]

@@ -7,36 +7,24 @@
 //!
 //! | module | holds |
 //! |---|---|
-//! | [`cli`] | arguments; `--once` and `--json` |
-//! | [`record`], [`serve`] | an MCAP file; a WebSocket server |
-//! | [`topics`], [`messages`] | what both carry: channels, and their messages with schemas |
 //! | [`link`] | one instance, followed across its restarts |
-//! | [`model`], [`history`], [`truth`] | what is shown, from what was heard |
-//! | [`words`] | what the status means and what to do |
-//! | [`sections`], [`mod@format`] | the view as lines of text |
-//! | [`draw`], [`pictures`], [`theme`] | where they stand, pictures of the past, colours |
-//! | [`keys`] | what the keys do, said |
-//! | [`screen`] | the terminal: when to draw, and obeying the keys |
+//! | [`model`] | what is known of it: the newest estimate and status, the past, the error against the truth |
+//! | [`view`] | what the terminal shows of the model; what each word of the status means |
+//! | [`lines`] | `--once` and `--json` |
+//! | [`topics`], [`messages`] | what a recording and a live stream carry: channels, and their messages with schemas |
+//! | [`record`], [`serve`] | an MCAP file; a WebSocket server |
+//! | [`cli`] | arguments |
+//!
+//! Depends on `shared_types` and `command_line`, never on the service or the simulator.
 
 pub mod cli;
-pub mod draw;
-pub mod format;
-pub mod history;
-pub mod keys;
+pub mod lines;
 pub mod link;
 pub mod messages;
 pub mod model;
-pub mod pictures;
 pub mod record;
-pub mod screen;
-pub mod sections;
 pub mod serve;
-pub mod theme;
 pub mod topics;
-pub mod truth;
-pub mod words;
+pub mod view;
 
 pub use cli::main_with_args;
-
-/// Of this program.
-const VERSION: &str = env!("CARGO_PKG_VERSION");

@@ -1,8 +1,11 @@
 //! What is shown, from what the service publishes. Time is an argument: nothing here reads a clock.
 
-use crate::history::{Histogram, History};
+pub mod history;
+pub mod truth;
+
 use crate::link::News;
-use crate::truth::{Comparison, TruthError};
+use crate::model::history::{Histogram, History};
+use crate::model::truth::{Comparison, TruthError};
 use shared_types::clock::SenderClock;
 use shared_types::payload::{Rejection, status_bits};
 use shared_types::{Channel, Estimate, Status};

@@ -6,11 +6,10 @@
 
 use crate::link::{Announcer, LOOK_EVERY, Link, News, Whence};
 use crate::topics::{Tally, Topics, WallClock};
-use crate::{VERSION, cli::Target};
 use anyhow::Context as _;
 use foxglove::{Context, McapCompression, McapWriteOptions};
 use serde::Serialize;
-use shared_types::{clock::monotonic_ns, logln};
+use shared_types::{Domain, clock::monotonic_ns, logln};
 use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::{self, Seek, SeekFrom, Write};
@@ -119,8 +118,12 @@ impl Seek for Recording {
 ///
 /// # Errors
 /// A file that is there already, or cannot be written; a service that will never fit.
-pub fn record(target: &Target, options: &Options<'_>, stop: &AtomicBool) -> anyhow::Result<Summary> {
-    let domain = target.domain()?;
+pub fn record(
+    domain: &Domain,
+    instance: &str,
+    options: &Options<'_>,
+    stop: &AtomicBool,
+) -> anyhow::Result<Summary> {
     let name = options.file.display().to_string();
     let mut opening = File::options();
     opening.write(true).create(true).create_new(!options.force).truncate(options.force);
@@ -131,7 +134,7 @@ pub fn record(target: &Target, options: &Options<'_>, stop: &AtomicBool) -> anyh
     let (sender, receiver) = sync_channel(QUEUE);
     let has_failed = Arc::new(AtomicBool::new(false));
     let writer = {
-        let (has_failed, instance) = (Arc::clone(&has_failed), target.instance.clone());
+        let (has_failed, instance) = (Arc::clone(&has_failed), instance.to_owned());
         let compression = options.compression;
         std::thread::Builder::new().name("writer".into()).spawn(move || {
             let written = write_all(file, compression, &instance, &receiver);
@@ -139,9 +142,9 @@ pub fn record(target: &Target, options: &Options<'_>, stop: &AtomicBool) -> anyh
             written
         })?
     };
-    logln!("monitor: recording instance '{}' to '{name}'; Ctrl-C ends it", target.instance);
+    logln!("monitor: recording instance '{instance}' to '{name}'; Ctrl-C ends it");
     let mut link =
-        Link::new(domain, &target.instance, Whence::ThisMachine, monotonic_ns()).with_measurements();
+        Link::new(domain.clone(), instance, Whence::ThisMachine, monotonic_ns()).with_measurements();
     let mut queue = Queue { sender, not_written: 0, first_ns: None, announcer: Announcer::default() };
     let mut looked = Ok(());
     while !stop.load(Ordering::Relaxed) && !has_failed.load(Ordering::Relaxed) && looked.is_ok() {
@@ -231,7 +234,7 @@ fn write_all(
     let text = |key: &str, value: String| (key.to_owned(), value);
     let start = BTreeMap::from([
         text("instance", instance.into()),
-        text("version", VERSION.into()),
+        text("version", env!("CARGO_PKG_VERSION").into()),
         text("wall_clock_at_monotonic_zero_ns", clock.at_monotonic_zero_ns.to_string()),
         text(
             "log_time",

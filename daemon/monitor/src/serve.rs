@@ -3,13 +3,11 @@
 //! Whoever reaches the port reads everything and can change nothing; there is no password and no encryption. A viewer that
 //! is too slow misses the oldest messages, and holds nobody up.
 
-use crate::VERSION;
-use crate::cli::Target;
 use crate::link::{Announcer, LOOK_EVERY, Link, Whence};
 use crate::topics::{Topics, WallClock};
 use anyhow::Context as _;
 use foxglove::Context;
-use shared_types::{clock::monotonic_ns, logln, outln};
+use shared_types::{Domain, clock::monotonic_ns, logln, outln};
 use std::net::SocketAddr;
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -18,17 +16,16 @@ use std::sync::atomic::{AtomicBool, Ordering};
 /// # Errors
 /// An address that cannot be listened on; a service that will never fit.
 pub fn serve(
-    target: &Target,
+    domain: &Domain,
+    instance: &str,
     listen: SocketAddr,
     duration_s: Option<f64>,
     stop: &AtomicBool,
 ) -> anyhow::Result<()> {
-    let domain = target.domain()?;
-    let instance = &target.instance;
     let context = Context::new();
     let server = context
         .websocket_server()
-        .name(format!("observer {instance} (monitor {VERSION})"))
+        .name(format!("observer {instance} (monitor {})", env!("CARGO_PKG_VERSION")))
         .bind(listen.ip().to_string(), listen.port())
         .start_blocking()
         .with_context(|| format!("cannot listen on {listen}; needed: a free port, --listen IP:PORT"))?;
@@ -39,7 +36,8 @@ pub fn serve(
         logln!("monitor: whoever reaches this address reads all of it: no password, no encryption");
     }
     let mut topics = Topics::new(&context, instance, WallClock::now());
-    let mut link = Link::new(domain, instance, Whence::ThisMachine, monotonic_ns()).with_measurements();
+    let mut link =
+        Link::new(domain.clone(), instance, Whence::ThisMachine, monotonic_ns()).with_measurements();
     let start_ns = monotonic_ns();
     let (mut viewers, mut announcer) = (0, Announcer::default());
     let mut looked = Ok(());

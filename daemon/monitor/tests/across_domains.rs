@@ -4,9 +4,7 @@
 //! Prints what the link costs and asserts nothing of it. `OBSERVER_TUNNEL` names a tunnel that is built already,
 //! `OBSERVER_WAKE` how it wakes up (`--poll 1`, `--reactive`), `OBSERVER_SECONDS` how long is measured.
 
-mod common;
-
-use common::{PATIENCE, Role, TestDomain, monitor, play_role, wait_until};
+use crate::programs::{MONITOR, service, vehicle};
 use iceoryx2::prelude::*;
 use shared_types::client::Stream;
 use shared_types::clock::monotonic_ns;
@@ -18,11 +16,7 @@ use std::net::TcpListener;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
-
-#[test]
-fn role() {
-    play_role();
-}
+use testkit::{PATIENCE, Process, TestDomain, wait_until};
 
 const ADDRESS: &str = "192.0.2.1:7447";
 /// The sequence of estimates that the ground station forges.
@@ -53,7 +47,7 @@ fn tunnel_program() -> PathBuf {
 }
 
 /// Starts the tunnel of one domain as the recipe does, in a directory with the domain's iceoryx2 configuration.
-fn tunnel(domain: &TestDomain, directory: &Path, zenoh: &str) -> Role {
+fn tunnel(domain: &TestDomain, directory: &Path, zenoh: &str) -> Process {
     std::fs::create_dir_all(directory.join("config")).unwrap();
     drop(domain.domain.lock_for_making().unwrap());
     let iceoryx2 = toml::to_string(&shared_types::service::config_for_others(&domain.domain)).unwrap();
@@ -66,20 +60,20 @@ fn tunnel(domain: &TestDomain, directory: &Path, zenoh: &str) -> Role {
         command.args(["--allow", &format!("vehicle/{topic}")]);
     }
     let log = || std::fs::File::options().create(true).append(true).open(directory.join("log")).unwrap();
-    Role(command.stdin(Stdio::null()).stdout(log()).stderr(log()).spawn().unwrap())
+    Process { child: command.stdin(Stdio::null()).stdout(log()).stderr(log()).spawn().unwrap() }
 }
 
 /// Seconds of processor time of a process.
-fn cpu_s(process: &Role) -> f64 {
-    let stat = std::fs::read_to_string(format!("/proc/{}/stat", process.0.id())).unwrap();
+fn cpu_s(process: &Process) -> f64 {
+    let stat = std::fs::read_to_string(format!("/proc/{}/stat", process.pid())).unwrap();
     let fields: Vec<&str> = stat.rsplit(')').next().unwrap().split_whitespace().collect();
     let ticks: f64 = fields[11].parse::<f64>().unwrap() + fields[12].parse::<f64>().unwrap();
     // USER_HZ, the same on every Linux.
     ticks / 100.0
 }
 
-fn resident_kb(process: &Role) -> u64 {
-    let status = std::fs::read_to_string(format!("/proc/{}/status", process.0.id())).unwrap();
+fn resident_kb(process: &Process) -> u64 {
+    let status = std::fs::read_to_string(format!("/proc/{}/status", process.pid())).unwrap();
     let line = status.lines().find(|line| line.starts_with("VmRSS")).unwrap();
     line.split_whitespace().nth(1).unwrap().parse().unwrap()
 }
@@ -125,7 +119,7 @@ fn forge(domain: &TestDomain) {
 }
 
 #[test]
-#[ignore = "builds the link first, some minutes; run: cargo test -p monitor --test across_domains -- --ignored --nocapture"]
+#[ignore = "builds the link first, some minutes; run: cargo test -p monitor across_domains -- --ignored --nocapture"]
 fn a_monitor_in_another_domain_follows_the_vehicle_over_zenoh() {
     let [vehicle_zenoh, ground_zenoh] = ["vehicle", "ground"].map(|side| {
         let file = format!("{}/../../docs/across-machines/{side}.json5", env!("CARGO_MANIFEST_DIR"));
@@ -142,13 +136,13 @@ fn a_monitor_in_another_domain_follows_the_vehicle_over_zenoh() {
             .join("\n--- ground ---\n")
     };
 
-    let (vehicle, ground) = (TestDomain::new(), TestDomain::new());
-    let service = Role::start(&vehicle, "daemon run --preset rigid-body");
-    let simulator = Role::start(&vehicle, "sim_publisher run --scenario rigid-body");
+    let (air, ground) = (TestDomain::new(), TestDomain::new());
+    let daemon = service(&air, "--preset rigid-body");
+    let simulator = vehicle(&air, "");
     let ground_tunnel = tunnel(&ground, &ground_directory, &ground_zenoh);
-    let vehicle_tunnel = tunnel(&vehicle, &vehicle_directory, &vehicle_zenoh);
+    let vehicle_tunnel = tunnel(&air, &vehicle_directory, &vehicle_zenoh);
 
-    let near = Client::connect(&vehicle.domain, "vehicle", PATIENCE).unwrap();
+    let near = Client::connect(&air.domain, "vehicle", PATIENCE).unwrap();
     let mut near_estimates = near.estimate_subscriber().unwrap();
     let mut sent = Sent::default();
     let far = Client::connect(&ground.domain, "vehicle", PATIENCE);
@@ -222,7 +216,7 @@ fn a_monitor_in_another_domain_follows_the_vehicle_over_zenoh() {
     vehicle_tunnel.kill();
     while far_estimates.take().unwrap().is_some() {}
     let open_zenoh = vehicle_zenoh.replace("enabled: true", "enabled: false");
-    let vehicle_tunnel = tunnel(&vehicle, &vehicle_directory, &open_zenoh);
+    let vehicle_tunnel = tunnel(&air, &vehicle_directory, &open_zenoh);
     wait_until("an estimate after the tunnel was killed", || far_estimates.take().unwrap().is_some());
     println!("tunnel killed and started again: {:.1} s without estimates", killed.elapsed().as_secs_f64());
     wait_until("a forged estimate", || {
@@ -232,9 +226,9 @@ fn a_monitor_in_another_domain_follows_the_vehicle_over_zenoh() {
     });
 
     // The service is killed and started again.
-    service.kill();
+    daemon.kill();
     let killed_ns = monotonic_ns();
-    let service = Role::start(&vehicle, "daemon run --preset rigid-body");
+    let daemon = service(&air, "--preset rigid-body");
     wait_until("an estimate of the new service", || {
         let estimate = far_estimates.take().unwrap();
         estimate.is_some_and(|estimate| estimate.publish_stamp_ns > killed_ns)
@@ -243,11 +237,11 @@ fn a_monitor_in_another_domain_follows_the_vehicle_over_zenoh() {
 
     // All of it ends as it is told to, and leaves nothing.
     simulator.kill();
-    service.stop();
+    daemon.stop().ok();
     drop((near_estimates, near, far_estimates, far_statuses, far));
-    vehicle_tunnel.stop();
-    ground_tunnel.stop();
-    for domain in [&vehicle, &ground] {
+    vehicle_tunnel.stop().ok();
+    ground_tunnel.stop().ok();
+    for domain in [&air, &ground] {
         domain.domain.remove_if_unused().unwrap();
         domain.assert_clean();
     }
@@ -259,18 +253,14 @@ fn watch(
     sent: &mut Sent,
     near_estimates: &mut Stream<Estimate>,
 ) -> (Vec<String>, std::process::ExitStatus) {
-    let mut monitor = monitor(ground, &["--remote", "--json", "--count", "200"])
-        .stdout(Stdio::piped())
-        .spawn()
-        .map(Role)
-        .unwrap();
-    let output = BufReader::new(monitor.0.stdout.take().unwrap());
+    let mut monitor = MONITOR.start(ground, &["--remote", "--json", "--count", "200"]);
+    let output = BufReader::new(monitor.child.stdout.take().unwrap());
     let reader = std::thread::spawn(move || output.lines().map(Result::unwrap).collect());
     let since = Instant::now();
     let status = loop {
         assert!(since.elapsed() < PATIENCE, "the monitor does not end");
         sent.note(near_estimates);
-        if let Some(status) = monitor.0.try_wait().unwrap() {
+        if let Some(status) = monitor.child.try_wait().unwrap() {
             break status;
         }
         std::thread::sleep(Duration::from_millis(1));

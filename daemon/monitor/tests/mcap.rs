@@ -1,11 +1,7 @@
 //! `monitor record` and `monitor serve` against real services, read by public readers: the Python packages of MCAP and a
 //! WebSocket client, in an environment of their own (skipped aloud where Python is missing).
 
-mod common;
-#[path = "../../tests/common/python.rs"]
-mod venv;
-
-use common::{Role, TestDomain, finished, monitor, play_role, wait_until};
+use crate::programs::{MONITOR, monitor, service, simulator, vehicle};
 use rustix::process::Signal;
 use serde_json::{Map, Value, json};
 use shared_types::client::Stream;
@@ -13,36 +9,24 @@ use shared_types::payload::{Estimate, Measurement, Status, Truth, valid};
 use shared_types::{Client, clock::monotonic_ns};
 use sim_publisher::{Format, Import, ImportOptions, parse_flight, read_flight};
 use std::collections::BTreeMap;
-use std::io::{BufRead, BufReader, Write};
+use std::io::{BufRead, BufReader};
 use std::path::{Path, PathBuf};
-use std::process::{Command, Stdio};
+use std::process::Command;
 use std::time::Duration;
+use testkit::{Ended, PATIENCE, Process, TestDomain, wait_until};
 
-#[test]
-fn role() {
-    play_role();
-}
-
-/// The interpreter with the readers; `None`, aloud, where there is none.
+/// The interpreter with the readers; `None`, and said so, where there is none.
 fn python(what: &str) -> Option<PathBuf> {
-    // Tests of one file run at once, and may not make one environment at once.
-    static MADE: std::sync::OnceLock<Result<PathBuf, String>> = std::sync::OnceLock::new();
+    let directory = Path::new(env!("CARGO_TARGET_TMPDIR")).join("mcap-reader");
     let packages = ["mcap==1.6.0", "mcap-protobuf-support==0.6.0", "websockets>=13,<18"];
-    match MADE.get_or_init(|| venv::environment("mcap-reader", &packages)) {
-        Ok(python) => Some(python.clone()),
-        Err(reason) => {
-            // Past the test's capture: nobody shall take a skipped test for a passed one.
-            let _ = writeln!(std::io::stderr(), "skipped: {what}: {reason}");
-            None
-        }
-    }
+    testkit::python::environment(&directory, &packages).inspect_err(|reason| testkit::skip(what, reason)).ok()
 }
 
 /// What the public readers make of it.
 fn check(python: &Path, arguments: &[&str]) -> Value {
     let script = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/mcap_check.py");
     let output = Command::new(python).arg(script).args(arguments).output().unwrap();
-    assert!(output.status.success(), "{}", venv::said(&output));
+    assert!(output.status.success(), "{}", testkit::python::said(&output));
     serde_json::from_slice(&output.stdout).unwrap()
 }
 
@@ -67,7 +51,7 @@ struct Heard {
 
 impl Ears {
     fn of(domain: &TestDomain) -> Self {
-        let client = Client::connect(&domain.domain, "vehicle", common::PATIENCE).unwrap();
+        let client = Client::connect(&domain.domain, "vehicle", PATIENCE).unwrap();
         Self {
             measurements: client.measurement_subscriber().unwrap(),
             estimates: client.estimate_subscriber().unwrap(),
@@ -80,9 +64,9 @@ impl Ears {
 
     /// Listens until then.
     fn listen(&mut self, mut until: impl FnMut() -> bool) {
-        let deadline_ns = monotonic_ns() + common::PATIENCE.as_nanos() as u64;
+        let deadline_ns = monotonic_ns() + PATIENCE.as_nanos() as u64;
         while !until() {
-            assert!(monotonic_ns() < deadline_ns, "listened for {:?}", common::PATIENCE);
+            assert!(monotonic_ns() < deadline_ns, "listened for {:?}", PATIENCE);
             while let Some(sample) = self.measurements.take().unwrap() {
                 self.heard.measurements.push(sample);
             }
@@ -219,19 +203,16 @@ fn assert_heard<T>(found: &[Value], heard: &BTreeMap<u64, T>, expected: impl Fn(
 }
 
 /// Starts a recorder, and waits until it writes.
-fn recorder(domain: &TestDomain, file: &Path, arguments: &[&str]) -> Role {
-    let mut command = monitor(domain, &["record", file.to_str().unwrap(), "--json"]);
-    let role = Role(command.args(arguments).stdout(Stdio::piped()).stderr(Stdio::null()).spawn().unwrap());
+fn recorder(domain: &TestDomain, file: &Path, arguments: &[&str]) -> Process {
+    let process = MONITOR.start(domain, &[&["record", file.to_str().unwrap(), "--json"], arguments].concat());
     wait_until("a first chunk", || file.metadata().is_ok_and(|metadata| metadata.len() > 4096));
-    role
+    process
 }
 
 /// Ends it as an operator does; what it said.
-fn summary(mut recorder: Role) -> Value {
+fn summary(recorder: Process) -> Value {
     recorder.signal(Signal::INT);
-    let document: Value = serde_json::from_reader(recorder.0.stdout.take().unwrap()).unwrap();
-    assert!(recorder.0.wait().unwrap().success());
-    document
+    serde_json::from_str(&recorder.finish().ok()).unwrap()
 }
 
 /// What the recorder says of a topic: messages, missing, restarts.
@@ -263,15 +244,12 @@ fn a_public_reader_finds_in_a_recording_what_was_published() {
     let domain = TestDomain::new();
     let directory = tempfile::tempdir().unwrap();
     let file = directory.path().join("flight.mcap");
-    let service = Role::start(&domain, "daemon run --preset rigid-body");
+    let daemon = service(&domain, "--preset rigid-body");
     wait_until("the service", || domain.status().ticks > 0);
     let mut ears = Ears::of(&domain);
     let recording = recorder(&domain, &file, &[]);
-    let mut vehicle = Role::start(
-        &domain,
-        "sim_publisher run --scenario rigid-body --rate-hz 50 --duration 4 --dropout-probability 0.05",
-    );
-    ears.listen(|| vehicle.0.try_wait().unwrap().is_some());
+    let mut flight = vehicle(&domain, "--rate-hz 50 --duration 4 --dropout-probability 0.05");
+    ears.listen(|| flight.has_ended());
     ears.listen_for(Duration::from_millis(600));
     let summary = summary(recording);
     ears.listen_for(Duration::from_millis(100));
@@ -300,11 +278,11 @@ fn a_public_reader_finds_in_a_recording_what_was_published() {
     assert_eq!(velocities(&flown.samples), truths.iter().map(|truth| truth.velocity_m_s).collect::<Vec<_>>());
 
     // Played again, the service gets the same.
-    let mut replay = Role::start(&domain, &format!("sim_publisher replay {}", file.display()));
-    ears.listen(|| replay.0.try_wait().unwrap().is_some());
+    let mut replay = simulator(&domain, &format!("replay {}", file.display()));
+    ears.listen(|| replay.has_ended());
     ears.listen_for(Duration::from_millis(100));
     assert_same_bits(&from_the_first(&ears.heard.measurements), &flight.samples);
-    service.stop();
+    daemon.stop().ok();
 
     let Some(python) = python("the public reader of recordings") else { return };
     let found = check(&python, &["file", file.to_str().unwrap()]);
@@ -369,21 +347,21 @@ fn a_recording_goes_on_across_a_killed_service_and_is_whole_without_its_end() {
     let domain = TestDomain::new();
     let directory = tempfile::tempdir().unwrap();
     let file = directory.path().join("flight.mcap");
-    let service = Role::start(&domain, "daemon run --preset rigid-body");
+    let daemon = service(&domain, "--preset rigid-body");
     wait_until("the service", || domain.status().ticks > 0);
     let mut ears = Ears::of(&domain);
     let recording = recorder(&domain, &file, &["--compression", "none"]);
-    let vehicle = Role::start(&domain, "sim_publisher run --scenario rigid-body --rate-hz 50");
+    let flight = vehicle(&domain, "--rate-hz 50");
     ears.listen_for(Duration::from_millis(700));
-    service.kill();
-    let _service = Role::start(&domain, "daemon run --preset rigid-body");
+    daemon.kill();
+    let _service = service(&domain, "--preset rigid-body");
     let n_before = ears.heard.measurements.len();
     ears.listen(|| domain.status().ticks > 20);
     ears.listen_for(Duration::from_millis(1500));
     let killed_ns = monotonic_ns();
     recording.kill();
     ears.listen_for(Duration::from_millis(100));
-    drop(vehicle);
+    drop(flight);
     let heard = &ears.heard.measurements;
     assert!(heard.len() > n_before, "no samples after the restart");
 
@@ -439,24 +417,22 @@ fn assert_no_panic(bytes: &[u8]) {
 fn a_websocket_client_receives_the_live_stream() {
     let domain = TestDomain::new();
     let Some(python) = python("the WebSocket client") else { return };
-    let service = Role::start(&domain, "daemon run --preset rigid-body");
+    let daemon = service(&domain, "--preset rigid-body");
     wait_until("the service", || domain.status().ticks > 0);
     let mut ears = Ears::of(&domain);
-    let vehicle = Role::start(&domain, "sim_publisher run --scenario rigid-body --rate-hz 50");
-    let mut command = monitor(&domain, &["serve", "--listen", "127.0.0.1:0"]);
-    let mut server = Role(command.stdout(Stdio::piped()).stderr(Stdio::null()).spawn().unwrap());
+    let flight = vehicle(&domain, "--rate-hz 50");
+    let mut server = MONITOR.start(&domain, &["serve", "--listen", "127.0.0.1:0"]);
     let mut url = String::new();
-    BufReader::new(server.0.stdout.take().unwrap()).read_line(&mut url).unwrap();
+    BufReader::new(server.child.stdout.take().unwrap()).read_line(&mut url).unwrap();
     let address = url.trim().to_owned();
     assert!(address.starts_with("ws://127.0.0.1:"), "{address}");
     let client = std::thread::spawn(move || check(&python, &["stream", &address, "6"]));
     ears.listen(|| client.is_finished());
     ears.listen_for(Duration::from_millis(100));
     let found = client.join().unwrap();
-    drop(vehicle);
-    server.signal(Signal::TERM);
-    assert!(server.0.wait().unwrap().success());
-    service.stop();
+    drop(flight);
+    server.stop().ok();
+    daemon.stop().ok();
 
     assert_eq!(found["subprotocol"], "foxglove.sdk.v1");
     assert!(found["server"]["name"].as_str().unwrap().contains("vehicle"), "{}", found["server"]);
@@ -485,8 +461,8 @@ fn what_cannot_be_written_is_said() {
     let file = directory.path().join("flight.mcap");
     std::fs::write(&file, "precious").unwrap();
     let path = file.to_str().unwrap();
-    let run = |arguments: &[&str]| finished(monitor(&domain, arguments).output().unwrap());
-    let (code, _, log) = run(&["record", path]);
+    let run = |arguments: &[&str]| monitor(&domain, arguments);
+    let Ended { code, log, .. } = run(&["record", path]);
     assert_eq!((code, log.contains("--force")), (Some(1), true), "{log}");
     assert_eq!(std::fs::read(&file).unwrap(), b"precious");
     for wrong in [
@@ -496,16 +472,17 @@ fn what_cannot_be_written_is_said() {
         &["serve", "--listen", "everywhere"],
         &["--fps", "1", "record", path],
     ] {
-        assert_eq!(run(wrong).0, Some(2), "{wrong:?}");
+        assert_eq!(run(wrong).code, Some(2), "{wrong:?}");
     }
     assert_eq!(std::fs::read(&file).unwrap(), b"precious");
 
-    let service = Role::start(&domain, "daemon run --preset rigid-body");
+    let daemon = service(&domain, "--preset rigid-body");
     wait_until("the service", || domain.status().ticks > 0);
     // A full disk ends the recording, with the system's reason.
-    let (code, _, log) = run(&["record", "/dev/full", "--force"]);
+    let Ended { code, log, .. } = run(&["record", "/dev/full", "--force"]);
     assert_eq!((code, log.contains("No space left on device")), (Some(1), true), "{log}");
-    let (code, document, log) = run(&["record", path, "--force", "--duration-s", "0.7", "--json"]);
+    let Ended { code, out: document, log, .. } =
+        run(&["record", path, "--force", "--duration-s", "0.7", "--json"]);
     let document: Value = serde_json::from_str(&document).unwrap();
     assert_eq!((code, document["not_written"].as_u64()), (Some(0), Some(0)), "{log}");
     assert_eq!(document["bytes"], file.metadata().unwrap().len());
@@ -513,8 +490,8 @@ fn what_cannot_be_written_is_said() {
     let error = read_flight(Format::Mcap, &file, &ImportOptions::default()).unwrap_err().to_string();
     assert!(error.contains("no measurements") && error.contains("/vehicle/estimate"), "{error}");
     let taken = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
-    let (code, _, log) = run(&["serve", "--listen", &taken.local_addr().unwrap().to_string()]);
+    let Ended { code, log, .. } = run(&["serve", "--listen", &taken.local_addr().unwrap().to_string()]);
     assert_eq!((code, log.contains("cannot listen on 127.0.0.1:")), (Some(1), true), "{log}");
-    service.stop();
+    daemon.stop().ok();
     domain.assert_clean();
 }

@@ -2,27 +2,21 @@
 //! the link does: with iceoryx2's own qualities (two samples wait, none is kept for late readers), with stamps of
 //! another machine's clock, and without a claim on the instance.
 
-mod common;
-
-use common::{PATIENCE, Role, TestDomain, play_role};
+use crate::programs::MONITOR;
 use iceoryx2::config::Config;
 use iceoryx2::port::publisher::Publisher;
 use iceoryx2::prelude::*;
 use monitor::link::{Link, Whence};
 use monitor::model::{Model, Presence};
-use monitor::screen::now;
+use monitor::view::screen::now;
 use shared_types::clock::monotonic_ns;
 use shared_types::payload::status_bits;
 use shared_types::{Client, ClientError, Estimate, Status, Truth};
 use std::fmt::Debug;
-use std::io::Read;
-use std::process::Stdio;
+use std::io::{BufRead, BufReader};
+use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
-
-#[test]
-fn role() {
-    play_role();
-}
+use testkit::{PATIENCE, TestDomain};
 
 const PERIOD: Duration = Duration::from_millis(5);
 const S: u64 = 1_000_000_000;
@@ -98,20 +92,23 @@ fn clocks() -> [i64; 2] {
 
 /// `monitor` with these arguments while the mirror ticks: what it prints, and what was sent.
 fn watched(domain: &TestDomain, mirror: &mut Mirror, arguments: &[&str]) -> (String, Vec<Estimate>) {
-    let mut monitor = common::monitor(domain, arguments).stdout(Stdio::piped()).spawn().map(Role).unwrap();
-    let mut output = monitor.0.stdout.take().unwrap();
-    let reader = std::thread::spawn(move || {
-        let mut text = String::new();
-        output.read_to_string(&mut text).unwrap();
-        text
-    });
+    let mut monitor = MONITOR.start(domain, arguments);
     let (mut sent, since) = (Vec::new(), Instant::now());
-    while monitor.0.try_wait().unwrap().is_none() {
+    while !monitor.has_ended() {
         assert!(since.elapsed() < PATIENCE, "{arguments:?} does not end");
         sent.push(mirror.tick());
     }
-    assert!(monitor.0.wait().unwrap().success());
-    (reader.join().unwrap(), sent)
+    (monitor.finish().ok(), sent)
+}
+
+/// Ticks until the reading thread is done; what it read.
+fn tick_while<T>(mirror: &mut Mirror, reader: JoinHandle<T>) -> T {
+    let since = Instant::now();
+    while !reader.is_finished() {
+        assert!(since.elapsed() < PATIENCE, "the monitor does not say it");
+        mirror.tick();
+    }
+    reader.join().unwrap()
 }
 
 #[test]
@@ -172,33 +169,18 @@ fn a_reboot_of_the_other_machine_is_followed() {
     let mut mirror = Mirror::new(&domain);
     let [ahead_ns, started_now_ns] = clocks();
     mirror.clock_ahead_ns = ahead_ns;
-    let monitor =
-        common::monitor(&domain, &["--remote", "--json", "--count", "100000"]).stdout(Stdio::piped()).spawn();
-    let mut monitor = Role(monitor.unwrap());
-    let mut output = monitor.0.stdout.take().unwrap();
-    let reader = std::thread::spawn(move || {
-        let mut text = String::new();
-        output.read_to_string(&mut text).unwrap();
-        text
-    });
-    let since = Instant::now();
-    while since.elapsed() < Duration::from_secs(2) {
-        mirror.tick();
-    }
+    let mut monitor = MONITOR.start(&domain, &["--remote", "--json"]);
+    let mut lines = BufReader::new(monitor.child.stdout.take().unwrap()).lines();
+    let first = std::thread::spawn(move || (lines.next().unwrap().unwrap(), lines));
+    let (_, lines) = tick_while(&mut mirror, first);
+    // The sequence goes on: an estimate with a greater one was sent after the reboot.
     mirror.clock_ahead_ns = started_now_ns;
     let rebooted_with = mirror.sequence;
-    while since.elapsed() < Duration::from_secs(4) {
-        mirror.tick();
-    }
-    monitor.signal(rustix::process::Signal::TERM);
-    assert!(monitor.0.wait().unwrap().success());
-    let lines = reader.join().unwrap();
-    let sequences: Vec<u64> = lines
-        .lines()
-        .map(|line| serde_json::from_str::<serde_json::Value>(line).unwrap()["sequence"].as_u64().unwrap())
-        .collect();
-    let after = sequences.iter().filter(|&&sequence| sequence > rebooted_with).count();
-    assert!(sequences.len() > after && after > 20, "{} lines, {after} after the reboot", sequences.len());
+    let mut sequences = lines.map(|line| {
+        serde_json::from_str::<serde_json::Value>(&line.unwrap()).unwrap()["sequence"].as_u64().unwrap()
+    });
+    let after = std::thread::spawn(move || sequences.any(|sequence| sequence > rebooted_with + 20));
+    assert!(tick_while(&mut mirror, after));
 }
 
 #[test]
@@ -207,23 +189,13 @@ fn without_remote_foreign_stamps_are_refused_with_what_to_do() {
         let domain = TestDomain::new();
         let mut mirror = Mirror::new(&domain);
         mirror.clock_ahead_ns = clock_ahead_ns;
-        let mut monitor = Role(
-            common::monitor(&domain, &["--json"])
-                .stdout(Stdio::piped())
-                .stderr(Stdio::piped())
-                .spawn()
-                .unwrap(),
-        );
-        let since = Instant::now();
-        while since.elapsed() < Duration::from_secs(3) {
-            mirror.tick();
-        }
-        monitor.signal(rustix::process::Signal::TERM);
-        let (mut lines, mut log) = (String::new(), String::new());
-        monitor.0.stdout.take().unwrap().read_to_string(&mut lines).unwrap();
-        monitor.0.stderr.take().unwrap().read_to_string(&mut log).unwrap();
-        assert_eq!(lines, "");
-        assert!(log.contains("monitor --remote"), "{log}");
+        let mut monitor = MONITOR.start(&domain, &["--json"]);
+        let log = BufReader::new(monitor.child.stderr.take().unwrap()).lines();
+        let told =
+            std::thread::spawn(move || log.map(Result::unwrap).any(|line| line.contains("monitor --remote")));
+        assert!(tick_while(&mut mirror, told));
+        // None of them was taken.
+        assert_eq!(monitor.stop().out, "");
     }
 }
 

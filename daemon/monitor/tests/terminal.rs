@@ -1,17 +1,10 @@
 //! The live view in a real terminal (tmux), beside a real service.
 
-mod common;
-
-use common::{PATIENCE, Role, TestDomain, play_role, wait_until};
+use crate::programs::{service, vehicle};
 use rustix::process::{Pid, Signal, kill_process};
-use std::io::Write as _;
 use std::process::Command;
 use std::time::{Duration, Instant};
-
-#[test]
-fn role() {
-    play_role();
-}
+use testkit::{PATIENCE, TestDomain, skip, wait_until};
 
 /// A tmux server of our own with one pane.
 struct Pane {
@@ -22,13 +15,12 @@ impl Pane {
     /// The monitor in a shell that outlives it and tells its exit code; `None`, and said, where there is no tmux.
     fn open(domain: &TestDomain, variables: &str, options: &str) -> Option<Self> {
         if Command::new("tmux").arg("-V").output().is_err() {
-            // Past the harness, which swallows what a passed test prints.
-            let _ = writeln!(std::io::stderr(), "skipped: tmux is not installed");
+            skip("the view in a terminal", "tmux is not installed");
             return None;
         }
         let pane = Self { directory: tempfile::tempdir().unwrap() };
         let program = env!("CARGO_BIN_EXE_monitor");
-        let root = domain.root();
+        let root = domain.root().display();
         let line = format!(
             "{variables} '{program}' {options} --root '{root}'; echo code $?; stty -a; exec sleep 1000"
         );
@@ -99,27 +91,27 @@ fn the_view_follows_a_service_through_its_life() {
     let Some(pane) = Pane::open(&domain, "", "") else { return };
     pane.wait_for(&["NO SERVICE yet; waiting since", "no process runs it; start it: daemon run"]);
 
-    let service = Role::start(&domain, "daemon run --preset rigid-body --fresh");
+    let daemon = service(&domain, "--preset rigid-body --fresh");
     pane.wait_for(&["no sample yet", "DO NOT FLY ON THIS", "200 Hz"]);
-    let vehicle = Role::start(&domain, "sim_publisher run --scenario rigid-body");
+    let flight = vehicle(&domain, "");
     pane.wait_for(&["TRACKING, learning", "learns", "process ", "off the truth", "velocity m/s"]);
 
-    vehicle.signal(Signal::STOP);
+    flight.signal(Signal::STOP);
     pane.wait_for(&["coasting-translation: no velocity for", "predicts"]);
     pane.wait_for(&["stale: no good sample for", "DO NOT FLY ON THIS"]);
-    vehicle.signal(Signal::CONT);
+    flight.signal(Signal::CONT);
     pane.wait_for(&["TRACKING"]);
 
-    service.signal(Signal::STOP);
+    daemon.signal(Signal::STOP);
     pane.wait_for(&["the service is away", "runs it and publishes nothing: it is stopped"]);
-    service.signal(Signal::CONT);
+    daemon.signal(Signal::CONT);
     pane.wait_for(&["TRACKING"]);
 
     // Long enough for the ports to be given back.
-    service.kill();
+    daemon.kill();
     pane.wait_for(&["the service is away", "no process runs it"]);
     std::thread::sleep(Duration::from_secs(4));
-    let service = Role::start(&domain, "daemon run --preset rigid-body");
+    let daemon = service(&domain, "--preset rigid-body");
     pane.wait_for(&["TRACKING", "restarts 1"]);
 
     pane.tmux(&["resize-window", "-x", "60", "-y", "15"]);
@@ -127,8 +119,8 @@ fn the_view_follows_a_service_through_its_life() {
     pane.tmux(&["resize-window", "-x", "200", "-y", "50"]);
     pane.wait_for(&["error until now", "p99.9", "SAMPLE TO OUTPUT", "TRACKING"]);
 
-    vehicle.stop();
-    service.stop();
+    flight.stop().ok();
+    daemon.stop().ok();
     pane.wait_for(&["the service is away", "no process runs it"]);
     pane.press("q");
     pane.wait_for(&["code 0"]);
@@ -138,8 +130,8 @@ fn the_view_follows_a_service_through_its_life() {
 #[test]
 fn keys_act_on_the_service() {
     let domain = TestDomain::new();
-    let service = Role::start(&domain, "daemon run --preset rigid-body --fresh");
-    let vehicle = Role::start(&domain, "sim_publisher run --scenario rigid-body");
+    let daemon = service(&domain, "--preset rigid-body --fresh");
+    let flight = vehicle(&domain, "");
     wait_until("samples", || domain.status().samples_accepted > 0);
     let Some(pane) = Pane::open(&domain, "", "--fps 20") else { return };
     pane.wait_for(&["TRACKING"]);
@@ -174,7 +166,7 @@ fn keys_act_on_the_service() {
     pane.wait_for(&["PAUSED, p goes on; now: TRACKING"]);
     let picture = || pane.text().lines().take(23).collect::<Vec<_>>().join("\n");
     let still = picture();
-    vehicle.kill();
+    flight.kill();
     pane.wait_for(&["PAUSED, p goes on; now: DO NOT FLY ON THIS"]);
     assert_eq!(picture(), still);
     pane.press("p");
@@ -182,7 +174,7 @@ fn keys_act_on_the_service() {
 
     pane.press("C-c");
     pane.wait_for(&["code 0"]);
-    service.stop();
+    daemon.stop().ok();
     domain.assert_clean();
 }
 
@@ -205,7 +197,7 @@ fn the_terminal_is_given_back_on_a_signal_and_not_taken_where_it_is_dumb() {
 #[test]
 fn a_terminal_that_is_closed_ends_it() {
     let domain = TestDomain::new();
-    let service = Role::start(&domain, "daemon run --preset rigid-body --fresh");
+    let daemon = service(&domain, "--preset rigid-body --fresh");
     let Some(pane) = Pane::open(&domain, "", "") else { return };
     pane.wait_for(&["no sample yet"]);
     // Gone, or ended and not yet waited for by its new parent.
@@ -217,6 +209,6 @@ fn a_terminal_that_is_closed_ends_it() {
     assert!(!has_ended(pid));
     drop(pane);
     wait_until("the end", || has_ended(pid));
-    service.stop();
+    daemon.stop().ok();
     domain.assert_clean();
 }

@@ -1,10 +1,12 @@
 //! What stands on the screen, for made-up statuses and many sizes.
 
-use monitor::draw::{View, draw};
 use monitor::link::News;
 use monitor::model::Model;
-use monitor::theme::Theme;
-use monitor::words::{Level, Now};
+use monitor::view::draw::draw;
+use monitor::view::notes::Now;
+use monitor::view::state::View;
+use monitor::view::status_words::Level;
+use monitor::view::theme::Theme;
 use ratatui::Terminal;
 use ratatui::backend::TestBackend;
 use ratatui::buffer::Buffer;

@@ -1,107 +1,58 @@
-//! A domain of its own for every test, and the real program in it.
+//! The daemon as a real process: what these tests add to `testkit`.
 
-#![allow(dead_code, unreachable_pub)] // each test file uses its part
+#![allow(dead_code, unused_imports, unreachable_pub)] // each test file uses its part
 
-use shared_types::payload::{Status, command};
-use shared_types::{Client, Domain};
-use std::io::Read;
-use std::path::Path;
-use std::process::{Child, Command, Output, Stdio};
-use std::time::{Duration, Instant};
+use std::process::{Child, Command, Output};
+use testkit::{Ended, Process, Program};
+pub use testkit::{PATIENCE, TestDomain, wait_until};
 
-pub const PATIENCE: Duration = Duration::from_secs(10);
-
-/// A root path that is removed, with all segments, when the test ends.
-pub struct TestDomain {
-    pub domain: Domain,
-    /// Snapshots of its services.
-    pub state: tempfile::TempDir,
-    _root: tempfile::TempDir,
-}
-
-impl TestDomain {
-    pub fn new() -> Self {
-        let root = tempfile::Builder::new().prefix("ot").tempdir_in("/dev/shm").unwrap();
-        // In memory: a busy disk may take seconds to sync.
-        let state = tempfile::Builder::new().prefix("os").tempdir_in("/dev/shm").unwrap();
-        Self { domain: Domain::at(root.path()).unwrap(), state, _root: root }
-    }
-
-    pub fn root(&self) -> &Path {
-        self.domain.root()
-    }
-
-    pub fn client(&self) -> Client {
-        Client::connect(&self.domain, "vehicle", PATIENCE).unwrap()
-    }
-
-    pub fn status(&self) -> Status {
-        self.client().command(command::STATUS, PATIENCE).unwrap().status
-    }
-
-    /// Nothing of the domain is left but, perhaps, its empty root path.
-    pub fn assert_clean(&self) {
-        assert_eq!(self.domain.segments().unwrap(), Vec::<std::path::PathBuf>::new());
-        let left: Vec<_> = std::fs::read_dir(self.root()).into_iter().flatten().flatten().collect();
-        assert!(left.is_empty(), "{left:?}");
-    }
-}
-
-impl Drop for TestDomain {
-    fn drop(&mut self) {
-        let _ = self.domain.remove();
-    }
-}
+pub const DAEMON: Program = Program::at(env!("CARGO_BIN_EXE_daemon"));
 
 /// `daemon` with these arguments in that domain.
 pub fn daemon_command(domain: &TestDomain, arguments: &[&str]) -> Command {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_daemon"));
-    command.args(arguments).arg("--root").arg(domain.root()).env("OBSERVER_STATE", domain.state.path());
-    command
+    DAEMON.command_in(domain, arguments)
 }
 
 /// `daemon run`, killed when the test ends.
-pub struct Daemon {
-    pub child: Child,
+pub struct Daemon(Process);
+
+impl std::ops::Deref for Daemon {
+    type Target = Process;
+
+    fn deref(&self) -> &Process {
+        &self.0
+    }
+}
+
+impl std::ops::DerefMut for Daemon {
+    fn deref_mut(&mut self) -> &mut Process {
+        &mut self.0
+    }
 }
 
 impl Daemon {
     pub fn start(domain: &TestDomain, arguments: &[&str]) -> Self {
-        Self::spawn(daemon_command(domain, &[&["run"], arguments].concat()))
+        Self(DAEMON.start(domain, &[&["run"], arguments].concat()))
     }
 
-    pub fn spawn(mut command: Command) -> Self {
-        Self { child: command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap() }
+    pub fn spawn(command: Command) -> Self {
+        Self(Process::spawn(command))
     }
 
-    pub fn signal(&self, signal: rustix::process::Signal) {
-        let pid = rustix::process::Pid::from_child(&self.child);
-        rustix::process::kill_process(pid, signal).unwrap();
+    pub fn of(child: Child) -> Self {
+        Self(Process { child })
     }
 
     /// Waits for the end; exit code and log.
-    pub fn finish(mut self) -> (Option<i32>, String) {
-        let deadline = Instant::now() + PATIENCE;
-        while self.child.try_wait().unwrap().is_none() {
-            assert!(Instant::now() < deadline, "the daemon does not end");
-            std::thread::sleep(Duration::from_millis(5));
-        }
-        let mut log = String::new();
-        self.child.stderr.take().unwrap().read_to_string(&mut log).unwrap();
-        (self.child.wait().unwrap().code(), log)
+    pub fn finish(self) -> (Option<i32>, String) {
+        let Ended { code, log, .. } = self.0.finish();
+        (code, log)
     }
 
     /// Stops it as an operator does, and waits.
     pub fn stop(self) -> (Option<i32>, String) {
-        self.signal(rustix::process::Signal::TERM);
-        self.finish()
-    }
-}
-
-impl Drop for Daemon {
-    fn drop(&mut self) {
-        let _ = self.child.kill();
-        let _ = self.child.wait();
+        let Ended { code, log, .. } = self.0.stop();
+        (code, log)
     }
 }
 
@@ -152,14 +103,6 @@ pub fn preset_between(before: &str, after: &str) -> tempfile::NamedTempFile {
 
 /// Exit code, stdout and stderr of a finished command.
 pub fn finished(output: Output) -> (Option<i32>, String, String) {
-    let text = |bytes| String::from_utf8(bytes).unwrap();
-    (output.status.code(), text(output.stdout), text(output.stderr))
-}
-
-pub fn wait_until(what: &str, mut test: impl FnMut() -> bool) {
-    let deadline = Instant::now() + PATIENCE;
-    while !test() {
-        assert!(Instant::now() < deadline, "waited {PATIENCE:?} for: {what}");
-        std::thread::sleep(Duration::from_millis(2));
-    }
+    let Ended { code, out, log } = output.into();
+    (code, out, log)
 }

@@ -1,22 +1,12 @@
-//! What the status means and what to do about it, in plain English.
+//! What there is to know now, in plain English, and the verdict of all of it.
+//!
+//! The words of the status are explained in [`status_words`](crate::view::status_words).
 
-use crate::format::{duration, duration_ns, utc};
-use crate::model::{Model, Part, Presence};
+use crate::model::{Model, Presence};
+use crate::view::format::{duration_ns, utc};
+use crate::view::status_words::{Level, explained};
 use shared_types::Status;
 use shared_types::payload::{real_time, restored, status_bits as bits};
-
-/// How bad it is.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Level {
-    /// As it should be.
-    Good,
-    /// Good to know.
-    Info,
-    /// Fly on, and look into it.
-    Caution,
-    /// Do not fly on this.
-    Alarm,
-}
 
 /// One thing to know.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -39,7 +29,7 @@ pub struct Now {
 }
 
 impl Now {
-    /// The time of the day of an instant before.
+    /// The time of the day at an earlier instant.
     fn time_of(self, at_ns: u64) -> String {
         utc(self.unix_s.saturating_sub(self.monotonic_ns.saturating_sub(at_ns) / 1_000_000_000))
     }
@@ -101,110 +91,15 @@ pub fn notes(model: &Model, now: Now) -> Vec<Note> {
         }
         return notes;
     }
-    of_bits(model, &mut note);
+    for (level, word, text) in explained(model) {
+        note(level, word, text);
+    }
     if let Some(status) = &model.status {
         of_counters(model, status, &mut note);
         of_the_start(model, status, now, &mut note);
     }
     notes.sort_by_key(|note| std::cmp::Reverse(note.level));
     notes
-}
-
-fn of_bits(model: &Model, note: &mut impl FnMut(Level, &'static str, String)) {
-    let Some(estimate) = &model.estimate else { return };
-    let (now, recent) = (estimate.status, model.recent_bits());
-    let is_set = |bit: u64| now & bit != 0;
-    let was_set = |bit: u64| recent & bit != 0;
-    let instance = &model.instance;
-    if is_set(bits::INVALID) {
-        note(
-            Level::Alarm,
-            "invalid",
-            "the loop has been late for too long; lower rate_hz or use fewer centers; see daemon doctor"
-                .into(),
-        );
-    }
-    if is_set(bits::WAITING) {
-        note(
-            Level::Alarm,
-            "waiting",
-            format!("no sample yet; start the vehicle's process (it publishes {instance}/measurement)"),
-        );
-    } else if is_set(bits::STALE) {
-        let age = model.status.map_or("some time".into(), |status| duration_ns(status.newest_sample_age_ns));
-        note(Level::Alarm, "stale", format!("no good sample for {age}; does the vehicle's process run?"));
-    }
-    if is_set(bits::PREDICT_ONLY) {
-        note(
-            Level::Caution,
-            "predict-only",
-            "the loop is late and uses no samples; lower rate_hz or use fewer centers".into(),
-        );
-    } else if was_set(bits::LATE) {
-        let missed = match model.growth(|status| status.deadline_misses) {
-            0 => "a deadline was missed".into(),
-            missed => format!("{missed} deadlines missed in 10 s"),
-        };
-        note(Level::Caution, "late", format!("{missed}; see daemon doctor"));
-    }
-    // Where no sample comes at all, that is said already.
-    for part in Part::ALL.into_iter().filter(|part| is_set(part.coasting_bit()) && !is_set(bits::WAITING)) {
-        let (word, output) =
-            (["coasting-translation", "coasting-rotation", "coasting-linear"][part as usize], part.output());
-        let age_s = part.channel(estimate).output_age_s;
-        note(
-            Level::Caution,
-            word,
-            match age_s.is_finite() {
-                true => format!("no {output} for {}: predicting", duration(age_s)),
-                false => format!("no {output} was ever measured: predicting"),
-            },
-        );
-    }
-    if was_set(bits::DIVERGED) {
-        note(
-            Level::Caution,
-            "diverged",
-            "the state left its limits and was put back to the last good one; look at the sensors and input.max_…".into(),
-        );
-    }
-    if was_set(bits::STUCK) {
-        let which = grown(model, |status| status.outputs_stuck);
-        note(
-            Level::Caution,
-            "stuck-sensor",
-            format!("the sensor of the {which} repeats one value to the bit; look at it (input.stuck)"),
-        );
-    }
-    if was_set(bits::HELD_BACK) {
-        let which = grown(model, |status| status.outputs_held_back);
-        note(
-            Level::Caution,
-            "held-back",
-            format!("measurements of the {which} stand out and are not used: spikes? (input.outliers)"),
-        );
-    }
-    if was_set(bits::CLAMPED) {
-        note(
-            Level::Caution,
-            "clamped",
-            "learning is held at its limit of stability; lower adaptation_rate, see daemon check".into(),
-        );
-    }
-    if was_set(bits::OUTSIDE_CENTERS) && !is_set(bits::COASTING) {
-        note(
-            Level::Info,
-            "outside-centers",
-            "the motion is outside the box of the centers: nothing is learned there; widen centers_…".into(),
-        );
-    }
-    if is_set(bits::FROZEN) {
-        note(
-            Level::Info,
-            "frozen",
-            "an operator has frozen learning; what was learned is used; f: learn again".into(),
-        );
-    }
 }
 
 fn of_counters(model: &Model, status: &Status, note: &mut impl FnMut(Level, &'static str, String)) {
@@ -282,14 +177,6 @@ fn of_the_start(
     note(Level::Info, "started", format!("{again}{} ago, {with}", duration_ns(age_ns)));
 }
 
-/// The quantities whose counts grew.
-fn grown(model: &Model, counts: fn(&Status) -> [u64; 3]) -> String {
-    let names =
-        Part::ALL.into_iter().filter(|&part| model.growth(|status| counts(status)[part as usize]) > 0);
-    let names: Vec<_> = names.map(Part::output).collect();
-    if names.is_empty() { "output".into() } else { names.join(" and ") }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -304,25 +191,6 @@ mod tests {
         estimate.translation.output_age_s = 0.8;
         model.note(News::Estimate(estimate));
         model
-    }
-
-    #[test]
-    fn every_status_bit_but_the_good_ones_is_explained() {
-        let explained = |status: u64| notes(&with_status(status), NOW);
-        for bit in (0..17).map(|k| 1 << k) {
-            let word = bits::words(bit)[0];
-            let notes = explained(bit);
-            match bit {
-                bits::TRACKING | bits::ADAPTING => assert!(notes.is_empty(), "{word}"),
-                // Explained by its reason, which is in the status.
-                bits::REJECTED_SAMPLE => assert!(notes.is_empty()),
-                _ => {
-                    assert_eq!(notes.len(), 1, "{word}");
-                    assert_eq!(notes[0].word, word);
-                }
-            }
-        }
-        assert_eq!(explained(bits::COASTING_TRANSLATION)[0].text, "no velocity for 0.8 s: predicting");
     }
 
     #[test]

@@ -1,9 +1,10 @@
 //! The parts of the view as lines of text: what is said, without where it stands.
 
-use crate::format::{cut, duration, duration_ns, magnitude, micros, number, running, wrapped};
 use crate::model::{Model, Part, Presence, Vector};
-use crate::theme::Theme;
-use crate::words::{Level, Note, Now, notes, verdict};
+use crate::view::format::{cut, duration, duration_ns, magnitude, micros, number, running, wrapped};
+use crate::view::notes::{Note, Now, notes, verdict};
+use crate::view::status_words::Level;
+use crate::view::theme::Theme;
 use ratatui::text::{Line, Span};
 use shared_types::payload::{LatencySummary, real_time, restored, status_bits};
 

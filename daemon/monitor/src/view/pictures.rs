@@ -1,7 +1,7 @@
 //! Pictures of the past: traces over time, and how often a latency fell where.
 
-use crate::history::Histogram;
-use crate::theme::Theme;
+use crate::model::history::Histogram;
+use crate::view::theme::Theme;
 use ratatui::Frame;
 use ratatui::layout::Rect;
 use ratatui::text::Line;

@@ -1,10 +1,10 @@
 //! What the keys do: the bottom line, which also asks and answers, and the help.
 
-use crate::draw::View;
-use crate::format::cut;
 use crate::model::Model;
-use crate::theme::Theme;
-use crate::words::Level;
+use crate::view::format::cut;
+use crate::view::state::View;
+use crate::view::status_words::Level;
+use crate::view::theme::Theme;
 use ratatui::Frame;
 use ratatui::layout::Rect;
 use ratatui::text::Line;

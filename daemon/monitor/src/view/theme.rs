@@ -1,6 +1,6 @@
 //! Colours and their stand-ins: every colour has a word beside it, so that none is needed.
 
-use crate::words::Level;
+use crate::view::status_words::Level;
 use ratatui::style::{Color, Modifier, Style};
 
 /// How things look.

@@ -3,46 +3,23 @@
 //! With 80 columns and 24 lines everything that matters is there; more lines make the pictures of the past taller and
 //! show more notes and facts, more columns make them longer. With less there are lines of text, what matters most first.
 
-use crate::format::{cut, number};
-use crate::history::BUCKET_NS;
-use crate::keys::draw_bottom;
+use crate::model::history::BUCKET_NS;
 use crate::model::{Model, Part, Presence, Vector};
-use crate::pictures::{HISTOGRAM_COLUMNS, draw_histogram, draw_trace, range};
-use crate::sections::{
+use crate::view::format::{cut, number};
+use crate::view::keys::draw_bottom;
+use crate::view::notes::Now;
+use crate::view::pictures::{HISTOGRAM_COLUMNS, draw_histogram, draw_trace, range};
+use crate::view::sections::{
     LABEL, TRUST_COLUMNS, heading, latency_lines, note_lines, sample_lines, service_lines, state_lines,
     trust_lines, truth_text, vectors_of, verdict_line,
 };
-use crate::theme::Theme;
-use crate::words::{Level, Now};
+use crate::view::state::View;
+use crate::view::theme::Theme;
 use ratatui::Frame;
 use ratatui::layout::Rect;
 use ratatui::style::{Modifier, Style};
 use ratatui::text::{Line, Span};
 use ratatui::widgets::Paragraph;
-
-/// What the operator has chosen.
-#[derive(Debug, Clone, PartialEq)]
-pub struct View {
-    /// Colours or none.
-    pub theme: Theme,
-    /// While the picture stands still: the verdict of now, which must not be missed.
-    pub paused: Option<(Level, String)>,
-    /// Whether the help covers it.
-    pub shows_help: bool,
-    /// Whether a reset waits for its confirmation.
-    pub asks_reset: bool,
-    /// The answer to the last command, or that one is under way.
-    pub message: Option<(Level, String)>,
-    /// Which part is shown where there is no room for all.
-    pub page: usize,
-}
-
-impl View {
-    /// The view that a start shows.
-    pub fn new(theme: Theme) -> Self {
-        Self { theme, paused: None, shows_help: false, asks_reset: false, message: None, page: 0 }
-    }
-}
 
 /// Columns and lines that the whole view needs.
 const WHOLE: (u16, u16) = (80, 24);

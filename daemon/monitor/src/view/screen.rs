@@ -3,11 +3,13 @@
 //! The reader never waits for the terminal, nor the terminal for the service. What is drawn is what changed, a few
 //! times a second: a slow link carries it.
 
-use crate::draw::{View, draw};
 use crate::link::{Link, News, Whence};
 use crate::model::Model;
-use crate::theme::Theme;
-use crate::words::{Level, Now, verdict};
+use crate::view::draw::draw;
+use crate::view::notes::{Now, verdict};
+use crate::view::state::View;
+use crate::view::status_words::Level;
+use crate::view::theme::Theme;
 use anyhow::Context;
 use ratatui::DefaultTerminal;
 use ratatui::crossterm::event::{self, Event, KeyCode, KeyEvent, KeyEventKind, KeyModifiers};

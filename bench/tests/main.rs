@@ -1,0 +1,17 @@
+//! The commands of `bench` as users run them, and the product as a whole: service, simulator and bridge as real processes.
+//!
+//! One program for all of them: it is linked once. `regression` stands apart: it guards every estimate to the bit.
+//! Tests that need a processor of their own are listed in `.config/nextest.toml`; those that take long are ignored
+//! with a reason.
+
+mod commands;
+mod documents;
+mod faults;
+mod latency;
+mod logs;
+mod mavlink;
+mod paper;
+mod programs;
+mod record;
+mod reference_figures;
+mod three_processes;
