@@ -1,6 +1,7 @@
 //! The command line of `bench`.
 
-use crate::{demo, ipc, jitter, load, paper, replay, service, soak, step, tune};
+use crate::flights::{replay, tune};
+use crate::{demo, ipc, jitter, load, paper, service, soak, step};
 use clap::{Parser, Subcommand};
 use daemon::config::ConfigError;
 use rustix::process::{Signal, set_parent_process_death_signal};

@@ -5,9 +5,9 @@
 //! one run, so that drift hits all alike. As cyclictest does, we lock memory and hold the processor awake;
 //! what was not granted is said.
 
-use crate::latency::{HEADER, cells, summary, table, three_digits};
-use crate::machine::Machine;
-use crate::processes::stop_flag;
+use crate::harness::latency::{HEADER, cells, summary, table, three_digits};
+use crate::harness::machine::Machine;
+use crate::harness::processes::stop_flag;
 use crate::service::{parse_rate_hz, parse_seconds};
 use anyhow::{Context, anyhow, bail};
 use daemon::cycle::{skip_missed, wait_for_deadline};

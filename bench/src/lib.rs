@@ -21,24 +21,16 @@
 //! | `processes` | | the programs as processes in a domain of their own |
 //! | `machine` | | what machine the figures are of |
 
-mod accuracy;
-mod c_client;
-mod check;
 pub mod cli;
 pub mod demo;
-mod exchange;
-mod flight;
+mod flights;
+mod harness;
 pub mod ipc;
 pub mod jitter;
 pub mod kalman;
-mod latency;
 pub mod load;
-mod machine;
 pub mod paper;
 pub mod plot;
-mod processes;
-pub mod replay;
 pub mod service;
 pub mod soak;
 pub mod step;
-pub mod tune;

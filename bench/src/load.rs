@@ -5,10 +5,10 @@
 //! | readers | subscribers of one instance's estimates, each served at every tick | the tick, a sample's stamp to its estimate, shared memory |
 //! | instances | vehicles: a service and a publisher each, as processes of their own, in one domain | the tick, processor time per tick and process, resident and shared memory |
 
-use crate::exchange::{MovingVehicle, ServiceExchange, connect};
-use crate::latency::{cells, microseconds, summary, table, three_digits};
-use crate::machine::Machine;
-use crate::processes::{Child, OwnDomain, stop_flag};
+use crate::harness::exchange::{MovingVehicle, ServiceExchange, connect};
+use crate::harness::latency::{cells, microseconds, summary, table, three_digits};
+use crate::harness::machine::Machine;
+use crate::harness::processes::{Child, OwnDomain, stop_flag};
 use crate::service::{TriggerMode, parse_rate_hz, parse_seconds, send_at_rate};
 use anyhow::{Context, ensure};
 use clap::builder::RangedU64ValueParser;

@@ -4,11 +4,11 @@
 //! samples come at the service's rate but for one period over the whole run: where a timer decides when
 //! the service looks, each distance between its tick and the sample is met as often as any other.
 
-use crate::exchange::{MovingVehicle, ServiceExchange, connect, round_trip};
-use crate::latency::{Bin, HEADER, bars, cells, histogram, summary, table};
-use crate::machine::Machine;
+use crate::harness::exchange::{MovingVehicle, ServiceExchange, connect, round_trip};
+use crate::harness::latency::{Bin, HEADER, bars, cells, histogram, summary, table};
+use crate::harness::machine::Machine;
+use crate::harness::processes::{Child, OwnDomain, ServiceSettings, stop_flag};
 use crate::plot::{self, Line, LineStyle, Panel};
-use crate::processes::{Child, OwnDomain, ServiceSettings, stop_flag};
 use anyhow::Context;
 use clap::ValueEnum;
 use daemon::config::PRESETS;

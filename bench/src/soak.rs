@@ -1,8 +1,8 @@
 //! `bench soak`: the service for a long time beside processes that want all of the machine. What is lost is counted, or
 //! it is a defect; memory does not grow.
 
-use crate::latency::{cells, table};
-use crate::processes::{Child, OwnDomain, stop_flag};
+use crate::harness::latency::{cells, table};
+use crate::harness::processes::{Child, OwnDomain, stop_flag};
 use crate::service::{parse_rate_hz, parse_seconds};
 use anyhow::{Context, ensure};
 use clap::builder::RangedU64ValueParser;

@@ -9,8 +9,8 @@ mod errors;
 mod faults;
 mod report;
 
+use crate::harness::processes::{Child, OwnDomain, stop_flag};
 use crate::plot;
-use crate::processes::{Child, OwnDomain, stop_flag};
 use anyhow::{Context, ensure};
 use clap::Args;
 use daemon::config::ConfigFile;

@@ -21,7 +21,7 @@ mod memory;
 mod online_kernel;
 mod report;
 
-use crate::machine::Machine;
+use crate::harness::machine::Machine;
 use crate::plot;
 use anyhow::Context;
 use clap::builder::TypedValueParser;

@@ -1,7 +1,7 @@
 //! What was measured: rows, their table, their document, and what they say in words.
 
 use super::Solver;
-use crate::machine::Machine;
+use crate::harness::machine::Machine;
 use comfy_table::{CellAlignment, Table, presets};
 use serde_json::{Map, Value, json};
 use shared_types::outln;

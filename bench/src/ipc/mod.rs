@@ -11,12 +11,14 @@
 //! Whoever is not measured is stopped (SIGSTOP): it does not compete for the core of the other.
 //! Then the calls of the C client beside those of the Rust client that it wraps.
 
-use crate::c_client::{self, Comparison};
-use crate::exchange::{Exchange, MovingVehicle, Reply, ServiceExchange, Trip, connect, round_trip};
-use crate::latency::{HEADER, cells, summary, table, three_digits};
-use crate::machine::Machine;
-use crate::processes::{Child, OwnDomain, ServiceSettings, stop_flag};
+mod c_client;
+
+use crate::harness::exchange::{Exchange, MovingVehicle, Reply, ServiceExchange, Trip, connect, round_trip};
+use crate::harness::latency::{HEADER, cells, summary, table, three_digits};
+use crate::harness::machine::Machine;
+use crate::harness::processes::{Child, OwnDomain, ServiceSettings, stop_flag};
 use anyhow::{Context, anyhow, bail};
+use c_client::Comparison;
 use daemon::config::PRESETS;
 use iceoryx2::port::publisher::Publisher;
 use iceoryx2::port::subscriber::Subscriber;

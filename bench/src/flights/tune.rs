@@ -16,8 +16,8 @@
 //! block, the candidate that is chosen on the others is judged on it, and the highest μ within a standard error of the
 //! best one is taken (Breiman et al., *Classification and Regression Trees*, 1984, §3.4.3).
 
-use crate::accuracy::{Finding, Flight, ObserverEstimator, best, evaluate, evaluate_kalman, fly};
-use crate::flight::{FlightArguments, Replay};
+use crate::flights::accuracy::{Finding, Flight, ObserverEstimator, best, evaluate, evaluate_kalman, fly};
+use crate::flights::arguments::{FlightArguments, Replay};
 use anyhow::{Context, ensure};
 use argmin::core::{CostFunction, Executor};
 use argmin::solver::neldermead::NelderMead;

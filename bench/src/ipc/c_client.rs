@@ -3,9 +3,9 @@
 //! Both clients are open at once and take turns, sample by sample, with an echo on the other core that answers
 //! every sample. Timed are single calls: publish; the take that finds the answer; a peek at it.
 
-use crate::exchange::MovingVehicle;
-use crate::latency::summary;
-use crate::processes::OwnDomain;
+use crate::harness::exchange::MovingVehicle;
+use crate::harness::latency::summary;
+use crate::harness::processes::OwnDomain;
 use anyhow::{anyhow, bail};
 use observer_client::{Handle, observer_close, ports, through_c};
 use serde::Serialize;

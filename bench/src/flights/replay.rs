@@ -5,11 +5,11 @@
 //! the same coasts over the whole flight but its first 2 s, learning as it goes. The Kalman filter's q is
 //! swept, and each of its columns shows the best of all q: in its favour.
 
-use crate::accuracy::{
+use crate::flights::accuracy::{
     Accuracy, COAST_EVERY_S, Flight, LEARN_IN_S, ObserverEstimator, best, evaluate, evaluate_kalman,
 };
-use crate::check;
-use crate::flight::{FlightArguments, Replay};
+use crate::flights::arguments::{FlightArguments, Replay};
+use crate::flights::check;
 use crate::plot::{self, Line, LineStyle, Panel};
 use anyhow::Context;
 use clap::Args;

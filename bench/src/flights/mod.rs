@@ -1,0 +1,8 @@
+//! Recorded flights: how well an estimator predicts them (`replay`), a configuration for them (`tune`), and whether a
+//! flight record replays to the bit (`check`).
+
+mod accuracy;
+mod arguments;
+mod check;
+pub mod replay;
+pub mod tune;
