@@ -1,18 +1,17 @@
-//! What the targets share: bytes as numbers that are worth trying.
+//! Bytes as numbers, stamps and samples that are worth trying.
 
 use shared_types::Measurement;
 use shared_types::payload::{frame, valid};
-use sim_publisher::{ImportError, RecordedFlight};
 
 /// The bytes of one run, read from the front; where they end, zeros follow.
-pub struct Bytes<'a>(
+pub(crate) struct Bytes<'a>(
     /// Those not read yet.
-    pub &'a [u8],
+    pub(crate) &'a [u8],
 );
 
 impl Bytes<'_> {
     /// Whether none is left.
-    pub fn is_empty(&self) -> bool {
+    pub(crate) fn is_empty(&self) -> bool {
         self.0.is_empty()
     }
 
@@ -26,12 +25,12 @@ impl Bytes<'_> {
     }
 
     /// A byte.
-    pub fn byte(&mut self) -> u8 {
+    pub(crate) fn byte(&mut self) -> u8 {
         self.array::<1>()[0]
     }
 
     /// A number: near zero, of the size of speeds, forces or distances, special, or any bits at all.
-    pub fn number(&mut self) -> f64 {
+    pub(crate) fn number(&mut self) -> f64 {
         const SPECIAL: [f64; 16] = [
             0.0,
             -0.0,
@@ -62,12 +61,12 @@ impl Bytes<'_> {
     }
 
     /// Numbers, each as [`Bytes::number`].
-    pub fn numbers<const N: usize>(&mut self) -> [f64; N] {
+    pub(crate) fn numbers<const N: usize>(&mut self) -> [f64; N] {
         [(); N].map(|()| self.number())
     }
 
     /// A signed duration: mostly about a sample's period, now and then anything (ns).
-    pub fn gap_ns(&mut self) -> i128 {
+    pub(crate) fn gap_ns(&mut self) -> i128 {
         match self.byte() {
             0 => 0,
             1 => i128::from(i64::from_le_bytes(self.array())),
@@ -81,19 +80,19 @@ impl Bytes<'_> {
     }
 
     /// A stamp that far from `from_ns`.
-    pub fn stamp_ns(&mut self, from_ns: u64) -> u64 {
+    pub(crate) fn stamp_ns(&mut self, from_ns: u64) -> u64 {
         (i128::from(from_ns) + self.gap_ns()).clamp(0, i128::from(u64::MAX)) as u64
     }
 
     /// A quaternion: often of unit norm.
-    pub fn quaternion(&mut self) -> [f64; 4] {
+    pub(crate) fn quaternion(&mut self) -> [f64; 4] {
         let raw: [f64; 4] = self.numbers();
         let norm = raw.iter().map(|x| x * x).sum::<f64>().sqrt();
         if self.byte() < 200 && norm.is_finite() && norm > 0.0 { raw.map(|x| x / norm) } else { raw }
     }
 
     /// A sample with any fields, stamped somewhere around `near_ns`, numbered after `sequence`.
-    pub fn measurement(&mut self, near_ns: u64, sequence: u64) -> Measurement {
+    pub(crate) fn measurement(&mut self, near_ns: u64, sequence: u64) -> Measurement {
         let mut m = Measurement::at(self.stamp_ns(near_ns), sequence.wrapping_add(1));
         if self.byte() < 32 {
             m.sequence = u64::from_le_bytes(self.array());
@@ -122,46 +121,4 @@ impl Bytes<'_> {
         }
         m
     }
-}
-
-/// What every imported flight keeps to.
-///
-/// # Panics
-/// If one does not.
-pub fn check_flight(flight: Result<RecordedFlight, ImportError>) {
-    let Some(flight) = check_recording(flight) else { return };
-    for (sequence, sample) in flight.samples.iter().enumerate() {
-        assert_eq!(sample.sequence, sequence as u64);
-        assert!(!sample.has(valid::ATTITUDE) || (norm(sample) - 1.0).abs() < 1e-9, "{sample:?}");
-    }
-}
-
-fn norm(sample: &Measurement) -> f64 {
-    sample.attitude_wxyz.iter().map(|x| x * x).sum::<f64>().sqrt()
-}
-
-/// The same for the service's own recordings, which keep gaps and attitudes as they were; the flight, if it is one.
-///
-/// # Panics
-/// If one does not.
-pub fn check_recording(flight: Result<RecordedFlight, ImportError>) -> Option<RecordedFlight> {
-    let flight = match flight {
-        Ok(flight) => flight,
-        Err(error) => {
-            assert!(!error.to_string().is_empty());
-            return None;
-        }
-    };
-    assert!(!flight.samples.is_empty());
-    assert!(flight.samples.windows(2).all(|pair| pair[0].sequence < pair[1].sequence));
-    for sample in &flight.samples {
-        assert!(sample.is_finite(), "{sample:?}");
-        assert!(!sample.has(valid::ATTITUDE) || (norm(sample) - 1.0).abs() < 0.05, "{sample:?}");
-    }
-    assert!(flight.samples.windows(2).all(|pair| pair[0].stamp_ns < pair[1].stamp_ns));
-    assert!(flight.duration_s().is_finite());
-    if let Some(part) = flight.airborne_only() {
-        assert!(!part.samples.is_empty() && flight.airborne_s().is_some());
-    }
-    Some(flight)
 }

@@ -1,11 +1,8 @@
 //! Any bytes as a flight record, and any bytes in the place of a whole one's: no panic, no hang, every byte is part of
 //! a frame or counted as torn, and a replay ends.
 
-#![no_main]
-
 use daemon::config::ConfigFile;
 use daemon::record::{Frame, Reader, Session, check};
-use libfuzzer_sys::fuzz_target;
 use std::cell::LazyCell;
 use std::io::Cursor;
 
@@ -34,7 +31,8 @@ fn read_all(bytes: &[u8]) -> (usize, u64) {
     (frames, reader.torn_bytes())
 }
 
-fuzz_target!(|bytes: &[u8]| {
+/// One run.
+pub(crate) fn run(bytes: &[u8]) {
     let (frames, torn) = read_all(bytes);
     assert!(frames > 0 || torn > 0 || bytes.is_empty() || bytes.chunks(16).all(|chunk| chunk == MARK));
     // As the frames of a session, each of a length that its first byte tells, with sums that fit.
@@ -55,4 +53,4 @@ fuzz_target!(|bytes: &[u8]| {
     }
     let reports = check(&mut Reader::new(Cursor::new(&record)));
     assert!(reports.is_err() || !reports.unwrap().is_empty());
-});
+}

@@ -1,0 +1,34 @@
+//! Fuzz targets: any bytes go in, a property must hold. One target a file; `bytes` and `flights` are what they share.
+//!
+//! The targets are ordinary functions. `tests/seeds.rs` runs them over the seeds; `src/main.rs` hands them to libFuzzer.
+//! May depend on every crate of the workspace but bench, monitor and the C client.
+
+mod bytes;
+mod config;
+mod flights;
+mod gate;
+mod log_acsl;
+mod log_csv;
+mod log_mcap;
+mod log_ulog;
+mod mavlink;
+mod record;
+mod snapshot;
+mod step;
+
+/// A target: it panics if its property does not hold for these bytes.
+pub type Target = fn(&[u8]);
+
+/// Each target by its name.
+pub const TARGETS: [(&str, Target); 10] = [
+    ("config", config::run),
+    ("gate", gate::run),
+    ("log_acsl", log_acsl::run),
+    ("log_csv", log_csv::run),
+    ("log_mcap", log_mcap::run),
+    ("log_ulog", log_ulog::run),
+    ("mavlink", mavlink::run),
+    ("record", record::run),
+    ("snapshot", snapshot::run),
+    ("step", step::run),
+];
