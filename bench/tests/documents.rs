@@ -1,4 +1,4 @@
-//! Every command that a document names is one that its program understands. What README and tutorial run, CI runs; these
+//! Every command that a document names is one that its program understands. CI runs the `sh` blocks of the documents; these
 //! are the others: in the text, in tables, in indented blocks.
 
 use crate::programs::bench;
@@ -7,8 +7,33 @@ use std::path::{Path, PathBuf};
 fn documents() -> Vec<PathBuf> {
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap();
     let docs = std::fs::read_dir(root.join("docs")).unwrap().map(|entry| entry.unwrap().path());
-    let more = ["README.md", "fuzz/README.md"].map(|name| root.join(name));
+    let more = ["README.md", "fuzz/README.md", "shared_types/c/README.md", "shared_types/python/README.md"];
+    let more = more.map(|name| root.join(name));
     docs.filter(|path| path.extension().is_some_and(|ending| ending == "md")).chain(more).collect()
+}
+
+#[test]
+fn the_readme_is_short() {
+    let readme = Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap().join("README.md");
+    let n_bytes = std::fs::metadata(readme).unwrap().len();
+    assert!(n_bytes <= 10_000, "found {n_bytes} bytes, needed at most 10 000: move a section to docs/");
+}
+
+/// Links to files of the repository, in Markdown, that lead nowhere.
+#[test]
+fn every_link_leads_to_a_file() {
+    let mut faults = Vec::new();
+    for document in documents() {
+        let text = std::fs::read_to_string(&document).unwrap();
+        for target in text.split("](").skip(1).filter_map(|rest| rest.split(')').next()) {
+            let path = target.split('#').next().unwrap();
+            let is_local = !path.is_empty() && !path.contains("://") && !path.contains(char::is_whitespace);
+            if is_local && !document.parent().unwrap().join(path).exists() {
+                faults.push(format!("{}: {target}", document.display()));
+            }
+        }
+    }
+    assert!(faults.is_empty(), "{}", faults.join("\n"));
 }
 
 /// What stands between backticks, and the lines of blocks.

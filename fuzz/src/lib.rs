@@ -1,167 +1,34 @@
-//! What the targets share: bytes as numbers that are worth trying.
+//! Fuzz targets: any bytes go in, a property must hold. One target a file; `bytes` and `flights` are what they share.
+//!
+//! The targets are ordinary functions. `tests/seeds.rs` runs them over the seeds; `src/main.rs` hands them to libFuzzer.
+//! May depend on every crate of the workspace but bench, monitor and the C client.
 
-use shared_types::Measurement;
-use shared_types::payload::{frame, valid};
-use sim_publisher::{ImportError, RecordedFlight};
+mod bytes;
+mod config;
+mod flights;
+mod gate;
+mod log_acsl;
+mod log_csv;
+mod log_mcap;
+mod log_ulog;
+mod mavlink;
+mod record;
+mod snapshot;
+mod step;
 
-/// The bytes of one run, read from the front; where they end, zeros follow.
-pub struct Bytes<'a>(
-    /// Those not read yet.
-    pub &'a [u8],
-);
+/// A target: it panics if its property does not hold for these bytes.
+pub type Target = fn(&[u8]);
 
-impl Bytes<'_> {
-    /// Whether none is left.
-    pub fn is_empty(&self) -> bool {
-        self.0.is_empty()
-    }
-
-    fn array<const N: usize>(&mut self) -> [u8; N] {
-        let n = N.min(self.0.len());
-        let (taken, rest) = self.0.split_at(n);
-        self.0 = rest;
-        let mut array = [0; N];
-        array[..n].copy_from_slice(taken);
-        array
-    }
-
-    /// A byte.
-    pub fn byte(&mut self) -> u8 {
-        self.array::<1>()[0]
-    }
-
-    /// A number: near zero, of the size of speeds, forces or distances, special, or any bits at all.
-    pub fn number(&mut self) -> f64 {
-        const SPECIAL: [f64; 16] = [
-            0.0,
-            -0.0,
-            1.0,
-            -1.0,
-            f64::NAN,
-            f64::INFINITY,
-            f64::NEG_INFINITY,
-            f64::MAX,
-            f64::MIN,
-            f64::MIN_POSITIVE,
-            5e-324,
-            -5e-324,
-            1e5,
-            1e6,
-            1e9,
-            99.999,
-        ];
-        match self.byte() {
-            kind @ 0..=15 => SPECIAL[usize::from(kind)],
-            16..=31 => f64::from_le_bytes(self.array()),
-            32..=47 => f64::from(f32::from_le_bytes(self.array())),
-            kind => {
-                let scale = [1e-6, 1e-3, 1e-2, 1.0, 30.0][usize::from(kind) % 5];
-                f64::from(i16::from_le_bytes(self.array())) * scale
-            }
-        }
-    }
-
-    /// Numbers, each as [`Bytes::number`].
-    pub fn numbers<const N: usize>(&mut self) -> [f64; N] {
-        [(); N].map(|()| self.number())
-    }
-
-    /// A signed duration: mostly about a sample's period, now and then anything (ns).
-    pub fn gap_ns(&mut self) -> i128 {
-        match self.byte() {
-            0 => 0,
-            1 => i128::from(i64::from_le_bytes(self.array())),
-            2 => i128::from(u64::from_le_bytes(self.array())),
-            3 => 1,
-            4 => -1,
-            5..=20 => i128::from(i16::from_le_bytes(self.array())) * 1_000_000_000,
-            21..=60 => i128::from(i16::from_le_bytes(self.array())) * 1_000_000,
-            _ => i128::from(self.byte()) * 100_000,
-        }
-    }
-
-    /// A stamp that far from `from_ns`.
-    pub fn stamp_ns(&mut self, from_ns: u64) -> u64 {
-        (i128::from(from_ns) + self.gap_ns()).clamp(0, i128::from(u64::MAX)) as u64
-    }
-
-    /// A quaternion: often of unit norm.
-    pub fn quaternion(&mut self) -> [f64; 4] {
-        let raw: [f64; 4] = self.numbers();
-        let norm = raw.iter().map(|x| x * x).sum::<f64>().sqrt();
-        if self.byte() < 200 && norm.is_finite() && norm > 0.0 { raw.map(|x| x / norm) } else { raw }
-    }
-
-    /// A sample with any fields, stamped somewhere around `near_ns`, numbered after `sequence`.
-    pub fn measurement(&mut self, near_ns: u64, sequence: u64) -> Measurement {
-        let mut m = Measurement::at(self.stamp_ns(near_ns), sequence.wrapping_add(1));
-        if self.byte() < 32 {
-            m.sequence = u64::from_le_bytes(self.array());
-        }
-        let bits = u32::from(self.byte());
-        m.valid = if self.byte() < 8 { u32::from_le_bytes(self.array()) } else { bits & valid::ALL };
-        m.velocity_frame = match self.byte() {
-            0 => u32::from_le_bytes(self.array()),
-            kind if kind % 2 == 1 => frame::BODY,
-            _ => frame::INERTIAL,
-        };
-        let mut fill = |bit: u32, field: &mut [f64]| {
-            if m.valid & bit != 0 {
-                field.iter_mut().for_each(|x| *x = self.number());
-            }
-        };
-        fill(valid::VELOCITY, &mut m.velocity_m_s);
-        fill(valid::ANGULAR_VELOCITY, &mut m.angular_velocity_rad_s);
-        fill(valid::POSITION, &mut m.position_m);
-        fill(valid::FORCE, &mut m.force_n);
-        fill(valid::TORQUE, &mut m.torque_n_m);
-        fill(valid::OUTPUT, &mut m.output);
-        fill(valid::INPUT, &mut m.input);
-        if m.valid & valid::ATTITUDE != 0 {
-            m.attitude_wxyz = self.quaternion();
-        }
-        m
-    }
-}
-
-/// What every imported flight keeps to.
-///
-/// # Panics
-/// If one does not.
-pub fn check_flight(flight: Result<RecordedFlight, ImportError>) {
-    let Some(flight) = check_recording(flight) else { return };
-    for (sequence, sample) in flight.samples.iter().enumerate() {
-        assert_eq!(sample.sequence, sequence as u64);
-        assert!(!sample.has(valid::ATTITUDE) || (norm(sample) - 1.0).abs() < 1e-9, "{sample:?}");
-    }
-}
-
-fn norm(sample: &Measurement) -> f64 {
-    sample.attitude_wxyz.iter().map(|x| x * x).sum::<f64>().sqrt()
-}
-
-/// The same for the service's own recordings, which keep gaps and attitudes as they were; the flight, if it is one.
-///
-/// # Panics
-/// If one does not.
-pub fn check_recording(flight: Result<RecordedFlight, ImportError>) -> Option<RecordedFlight> {
-    let flight = match flight {
-        Ok(flight) => flight,
-        Err(error) => {
-            assert!(!error.to_string().is_empty());
-            return None;
-        }
-    };
-    assert!(!flight.samples.is_empty());
-    assert!(flight.samples.windows(2).all(|pair| pair[0].sequence < pair[1].sequence));
-    for sample in &flight.samples {
-        assert!(sample.is_finite(), "{sample:?}");
-        assert!(!sample.has(valid::ATTITUDE) || (norm(sample) - 1.0).abs() < 0.05, "{sample:?}");
-    }
-    assert!(flight.samples.windows(2).all(|pair| pair[0].stamp_ns < pair[1].stamp_ns));
-    assert!(flight.duration_s().is_finite());
-    if let Some(part) = flight.airborne_only() {
-        assert!(!part.samples.is_empty() && flight.airborne_s().is_some());
-    }
-    Some(flight)
-}
+/// Each target by its name.
+pub const TARGETS: [(&str, Target); 10] = [
+    ("config", config::run),
+    ("gate", gate::run),
+    ("log_acsl", log_acsl::run),
+    ("log_csv", log_csv::run),
+    ("log_mcap", log_mcap::run),
+    ("log_ulog", log_ulog::run),
+    ("mavlink", mavlink::run),
+    ("record", record::run),
+    ("snapshot", snapshot::run),
+    ("step", step::run),
+];

@@ -1,14 +1,12 @@
 //! Any samples, from any sources, at any times: each is accepted or rejected, and what is accepted can be believed.
 
-#![no_main]
-
+use crate::bytes::Bytes;
 use daemon::config::{InputConfig, SourcePolicy};
 use daemon::gate::Gate;
-use fuzz::Bytes;
-use libfuzzer_sys::fuzz_target;
 use observer::Velocity;
 
-fuzz_target!(|bytes: &[u8]| {
+/// One run.
+pub(crate) fn run(bytes: &[u8]) {
     let mut bytes = Bytes(bytes);
     let kind = bytes.byte();
     let source = if kind & 1 == 0 { SourcePolicy::First } else { SourcePolicy::Newest };
@@ -53,4 +51,4 @@ fuzz_target!(|bytes: &[u8]| {
             Err(_) => assert_eq!(before, (gate.source(), gate.newest_stamp_ns(), gate.newest_sequence())),
         }
     }
-});
+}

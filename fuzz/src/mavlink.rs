@@ -1,9 +1,6 @@
 //! Any bytes as what arrives from a vehicle: raw, or as the payload of a frame whose sum is right, at any times.
 
-#![no_main]
-
-use fuzz::Bytes;
-use libfuzzer_sys::fuzz_target;
+use crate::bytes::Bytes;
 use mavlink::dialects::common::MavMessage;
 use mavlink::{Message, calculate_crc};
 use shared_types::payload::{frame, valid};
@@ -22,7 +19,8 @@ fn framed(id: u32, sequence: u8, payload: &[u8]) -> Vec<u8> {
     bytes
 }
 
-fuzz_target!(|bytes: &[u8]| {
+/// One run.
+pub(crate) fn run(bytes: &[u8]) {
     let mut bytes = Bytes(bytes);
     let mut bridge = Bridge::new(Settings {
         source: [Source::Auto, Source::Odometry, Source::LocalPosition][usize::from(bytes.byte()) % 3],
@@ -66,4 +64,4 @@ fuzz_target!(|bytes: &[u8]| {
     }
     let tally = bridge.frame_tally();
     assert!(tally.garbage_bytes <= tally.bytes && bridge.tally().samples == n_samples);
-});
+}

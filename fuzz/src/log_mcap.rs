@@ -1,11 +1,10 @@
 //! Any bytes as an MCAP recording: of this service's own kind, and with columns named.
 
-#![no_main]
-
-use libfuzzer_sys::fuzz_target;
+use crate::flights::check_recording;
 use sim_publisher::{CsvMap, Format, Import, parse_flight};
 
-fuzz_target!(|bytes: &[u8]| {
+/// One run.
+pub(crate) fn run(bytes: &[u8]) {
     let column = |axis: &str| Some(format!("/a:v.{axis}"));
     let named = CsvMap {
         velocity_x: column("x"),
@@ -15,6 +14,6 @@ fuzz_target!(|bytes: &[u8]| {
     };
     for map in [CsvMap::default(), named] {
         let import = Import { map, ..Import::default() };
-        fuzz::check_recording(parse_flight(Format::Mcap, bytes, "fuzz", &import));
+        check_recording(parse_flight(Format::Mcap, bytes, "fuzz", &import));
     }
-});
+}

@@ -1,14 +1,12 @@
 //! Any text as a configuration: a message or a service, never a panic; and what was accepted reads back as itself.
 
-#![no_main]
-
 use daemon::config::{Config, ConfigFile};
-use libfuzzer_sys::fuzz_target;
 
 /// A design takes N³ operations: those of more centers are parsed and printed, not built.
 const MOST_CENTERS: usize = 64;
 
-fuzz_target!(|bytes: &[u8]| {
+/// One run.
+pub(crate) fn run(bytes: &[u8]) {
     let Ok(text) = str::from_utf8(bytes) else { return };
     let file = match ConfigFile::parse("fuzz".into(), text.into()) {
         Ok(file) => file,
@@ -32,7 +30,7 @@ fuzz_target!(|bytes: &[u8]| {
             }
         }
     }
-});
+}
 
 fn n_centers(config: &Config) -> usize {
     let product =

@@ -1,12 +1,9 @@
 //! Any bytes as a snapshot, with the right header and sum or without: a message, or a snapshot that an engine resumes
 //! from or refuses; what it then says is finite.
 
-#![no_main]
-
 use daemon::config::ConfigFile;
 use daemon::engine::Engine;
 use daemon::snapshot::Snapshot;
-use libfuzzer_sys::fuzz_target;
 use std::cell::LazyCell;
 
 thread_local! {
@@ -17,7 +14,8 @@ thread_local! {
     }) };
 }
 
-fuzz_target!(|bytes: &[u8]| {
+/// One run.
+pub(crate) fn run(bytes: &[u8]) {
     let _ = Snapshot::decode(bytes);
     // With a sum that fits, what is behind it is reached.
     let whole =
@@ -37,4 +35,4 @@ fuzz_target!(|bytes: &[u8]| {
             }
         }),
     }
-});
+}

@@ -1,13 +1,10 @@
 //! Any bytes as a flight record, and any bytes in the place of a whole one's: no panic, no hang, every byte is part of
 //! a frame or counted as torn, and a replay ends.
 
-#![no_main]
-
 use daemon::config::ConfigFile;
-use daemon::threads::recorder::session;
 use daemon::replay::check;
+use daemon::threads::recorder::session;
 use flight_record::{Frame, MARK, Reader};
-use libfuzzer_sys::fuzz_target;
 use std::cell::LazyCell;
 use std::io::Cursor;
 
@@ -35,7 +32,8 @@ fn read_all(bytes: &[u8]) -> Option<(usize, u64)> {
     Some((frames, reader.torn_bytes()))
 }
 
-fuzz_target!(|bytes: &[u8]| {
+/// One run.
+pub(crate) fn run(bytes: &[u8]) {
     if let Some((frames, torn)) = read_all(bytes) {
         assert!(frames > 0 || torn > 0 || bytes.is_empty() || bytes.chunks(16).all(|chunk| chunk == MARK));
     }
@@ -57,4 +55,4 @@ fuzz_target!(|bytes: &[u8]| {
     }
     let reports = check(&mut Reader::new(Cursor::new(&record)));
     assert!(reports.is_err() || !reports.unwrap().is_empty());
-});
+}

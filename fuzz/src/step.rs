@@ -1,12 +1,9 @@
 //! Any samples at any times through gate, observers and guard, with an operator's commands in between: no panic, no
 //! hang, and every estimate that would be published is finite.
 
-#![no_main]
-
+use crate::bytes::Bytes;
 use daemon::config::{Clock, ConfigFile};
 use daemon::engine::{Engine, Kept, LoopCommand};
-use fuzz::Bytes;
-use libfuzzer_sys::fuzz_target;
 use shared_types::payload::{Channel, status_bits};
 use std::cell::LazyCell;
 
@@ -57,7 +54,8 @@ fn with_few_centers(name: &str) -> ConfigFile {
     file
 }
 
-fuzz_target!(|bytes: &[u8]| {
+/// One run.
+pub(crate) fn run(bytes: &[u8]) {
     let mut bytes = Bytes(bytes);
     let kind = usize::from(bytes.byte());
     let (mut engine, clock) = ENGINES.with(|engines| engines[kind % engines.len()].clone());
@@ -108,7 +106,7 @@ fuzz_target!(|bytes: &[u8]| {
             engine.keep_good_copy();
         }
     }
-});
+}
 
 /// As after a restart with a snapshot, with the state or with what was learned alone.
 fn resume_from_itself(engine: &mut Engine, newest_ns: &mut u64) {
