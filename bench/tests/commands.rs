@@ -142,8 +142,8 @@ fn the_recorded_flight_plays_through_the_service() {
     let sent: serde_json::Value = serde_json::from_slice(&replay.stdout).unwrap();
     std::thread::sleep(Duration::from_millis(100));
     let reply = client.command(shared_types::payload::command::STATUS, Duration::from_secs(5)).unwrap();
-    assert_eq!(reply.status.samples_accepted, sent["samples_published"].as_u64().unwrap());
-    assert_eq!(reply.status.samples_rejected_total(), 0);
+    assert_eq!(reply.status.counters.samples_accepted, sent["samples_published"].as_u64().unwrap());
+    assert_eq!(reply.status.counters.samples_rejected_total(), 0);
     let estimate = client.latest_estimate().unwrap().peek().unwrap();
     drop(client);
     assert!(daemon.stop().status.success());

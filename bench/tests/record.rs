@@ -45,7 +45,7 @@ fn a_minute_with_dropouts_and_a_restart_replays_to_the_bit() {
     client.command(command::SAVE, PATIENCE).unwrap();
     assert!(vehicle.finish(Duration::from_secs(40)).status.success());
     let status = client.command(command::STATUS, PATIENCE).unwrap().status;
-    assert!(status.ticks_recorded > 4000 && status.ticks_not_recorded == 0, "{status:?}");
+    assert!(status.ticks_recorded > 4000 && status.counters.ticks_not_recorded == 0, "{status:?}");
     drop(client);
     let daemon = daemon.stop();
     assert!(daemon.status.success(), "{}", text(&daemon.stderr));
@@ -118,7 +118,7 @@ fn a_slow_disk_costs_ticks_of_the_record_and_none_of_the_loop() {
     let client = Client::connect(&domain.domain, "vehicle", PATIENCE).unwrap();
     let status = || client.command(command::STATUS, PATIENCE).unwrap().status;
     let deadline = Instant::now() + Duration::from_secs(60);
-    while status().ticks_not_recorded < 500 {
+    while status().counters.ticks_not_recorded < 500 {
         assert!(Instant::now() < deadline, "{:?}", status());
         std::thread::sleep(Duration::from_millis(100));
     }

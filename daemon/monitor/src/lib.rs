@@ -26,6 +26,8 @@ pub mod keys;
 pub mod link;
 pub mod messages;
 pub mod model;
+pub mod motion;
+
 pub mod pictures;
 pub mod record;
 pub mod screen;

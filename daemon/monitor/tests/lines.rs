@@ -61,7 +61,7 @@ fn each_estimate_is_a_line_across_a_killed_service() {
 fn a_stopped_monitor_holds_nobody_up_and_goes_on() {
     let domain = TestDomain::new();
     let service = Role::start(&domain, "daemon run --preset rigid-body");
-    wait_until("the service", || domain.status().ticks > 0);
+    wait_until("the service", || domain.status().counters.ticks > 0);
     let command = monitor(&domain, &["--json"]).stdout(Stdio::piped()).stderr(Stdio::null()).spawn();
     let mut monitor = Role(command.unwrap());
     let mut sequences = BufReader::new(monitor.0.stdout.take().unwrap())
@@ -71,7 +71,7 @@ fn a_stopped_monitor_holds_nobody_up_and_goes_on() {
     monitor.signal(Signal::STOP);
     // Twice as many as wait for a slow reader.
     let enough = first + 2 * ESTIMATE_BUFFER as u64;
-    wait_until("more ticks than are kept for a reader", || domain.status().ticks > enough);
+    wait_until("more ticks than are kept for a reader", || domain.status().counters.ticks > enough);
     monitor.signal(Signal::CONT);
     // It is up to date again, and what was not kept for it is left out.
     let taken = sequences.take_while(|&sequence| sequence <= enough).count() as u64;
@@ -86,7 +86,7 @@ fn a_stopped_monitor_holds_nobody_up_and_goes_on() {
 fn one_status_as_text_and_as_a_document_and_so_many_lines() {
     let domain = TestDomain::new();
     let service = Role::start(&domain, "daemon run --preset linear");
-    wait_until("the service", || domain.status().ticks > 0);
+    wait_until("the service", || domain.status().counters.ticks > 0);
     let (code, text, log) = finished(monitor(&domain, &["--once"]).output().unwrap());
     assert_eq!((code, log.as_str()), (Some(0), ""));
     for needed in ["vehicle", "DO NOT FLY ON THIS", "waiting: no sample yet", "LATENCY", "real time"] {
