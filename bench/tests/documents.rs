@@ -9,7 +9,8 @@ const BENCH: &str = env!("CARGO_BIN_EXE_bench");
 fn documents() -> Vec<PathBuf> {
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap();
     let docs = std::fs::read_dir(root.join("docs")).unwrap().map(|entry| entry.unwrap().path());
-    let more = ["README.md", "fuzz/README.md"].map(|name| root.join(name));
+    let more = ["README.md", "fuzz/README.md", "shared_types/c/README.md", "shared_types/python/README.md"]
+        .map(|name| root.join(name));
     docs.filter(|path| path.extension().is_some_and(|ending| ending == "md")).chain(more).collect()
 }
 

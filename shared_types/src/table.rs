@@ -6,7 +6,7 @@
 //! | finiteness of a sample or estimate | [`numbers_are_finite`] |
 //! | what the gate checks, faults, columns of imported tables, `inspect` | [`Field::quantity`], [`Field::limit`] |
 //! | messages and schema of recordings | `monitor::messages` |
-//! | the C header, `payload.py` | tests named `generated` of this crate and of `observer_client` |
+//! | the C header, `payload.py` | tests named `generated` of `observer_client` |
 //!
 //! A row: documentation, name, type, then `where BIT = place` if a bit of `valid` says whether the field carries
 //! something, then in braces those columns of [`Field`] that differ from their defaults. [`crate::payload`] has the
@@ -425,7 +425,8 @@ macro_rules! payload {
     };
 }
 
-/// Makes a module of constants.
+/// Makes a module of constants, each with its documentation and, for people, the word of a bit.
+#[macro_export]
 macro_rules! constants {
     (
         $(#[doc = $doc:literal])+

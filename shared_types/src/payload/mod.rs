@@ -5,7 +5,7 @@
 //! Each file holds the tables of some payloads: [`crate::table`] says what a table is and what is made from it. To add
 //! a field or a counter, add its row here, then write the files of the other languages anew:
 //!
-//!     UPDATE=1 cargo test -p shared_types -p observer_client --test generated
+//!     UPDATE=1 cargo test -p observer_client --test generated
 
 mod control;
 mod counters;

@@ -20,6 +20,9 @@ macro_rules! rejections {
             /// All reasons, in the order of their values.
             pub const ALL: [Self; REASONS.names.len()] = [$(Self::$name),+];
 
+            /// Their names, in that order, for files and other languages.
+            pub const KEYS: [&str; REASONS.names.len()] = [$($key),+];
+
             /// The reason in words.
             pub fn words(self) -> &'static str {
                 match self {
