@@ -184,7 +184,7 @@ fn with_instances(
     for (before, after) in before.iter().zip(&after) {
         service_ns += after.service_ns - before.service_ns;
         publisher_ns += after.publisher_ns - before.publisher_ns;
-        ticks += after.status.ticks - before.status.ticks;
+        ticks += after.status.counters.ticks - before.status.counters.ticks;
     }
     let worst = |of: fn(&Status) -> LatencySummary| {
         after.iter().map(|used| of(&used.status)).max_by_key(|found| found.p50).unwrap_or_default()
@@ -192,7 +192,7 @@ fn with_instances(
     let row = InstancesRow {
         instances: n_instances,
         ticks,
-        deadline_misses: of_all(&|used| used.status.deadline_misses).iter().sum(),
+        deadline_misses: of_all(&|used| used.status.counters.deadline_misses).iter().sum(),
         step_ns: worst(|status| status.step_ns),
         wake_up_lateness_ns: worst(|status| status.wake_up_lateness_ns),
         service_cpu_ns_per_tick: service_ns / ticks.max(1),
@@ -227,7 +227,7 @@ struct Used {
 impl Vehicle {
     fn wait_for_samples(&self) -> anyhow::Result<()> {
         let start = Instant::now();
-        while status(&self.client)?.samples_accepted == 0 {
+        while status(&self.client)?.counters.samples_accepted == 0 {
             ensure!(start.elapsed() < PATIENCE, "no sample arrives; {}", self.publisher.log());
             std::thread::sleep(Duration::from_millis(10));
         }

@@ -106,22 +106,24 @@ pub fn run(arguments: &SoakArguments) -> anyhow::Result<()> {
     daemon.finish()?;
 
     let status = seen.status;
-    let accounted = status.samples_accepted + status.samples_lost + status.samples_rejected_total();
+    let accounted = status.counters.samples_accepted
+        + status.counters.samples_lost
+        + status.counters.samples_rejected_total();
     // What the vehicle sent after the newest sample that arrived is lost too, and nobody can know.
     let report = Report {
         rate_hz: arguments.rate_hz,
         duration_s: arguments.seconds,
         load_processes: arguments.load,
         samples_sent: seen.samples_sent,
-        samples_used: status.samples_accepted,
-        samples_lost: status.samples_lost,
-        samples_rejected: status.samples_rejected_total(),
+        samples_used: status.counters.samples_accepted,
+        samples_lost: status.counters.samples_lost,
+        samples_rejected: status.counters.samples_rejected_total(),
         samples_unaccounted: seen.samples_sent as i64 - accounted as i64,
-        ticks: status.ticks,
-        deadline_misses: status.deadline_misses,
+        ticks: status.counters.ticks,
+        deadline_misses: status.counters.deadline_misses,
         most_late_ticks_in_a_row: status.most_late_ticks_in_a_row,
         ticks_recorded: status.ticks_recorded,
-        ticks_not_recorded: status.ticks_not_recorded,
+        ticks_not_recorded: status.counters.ticks_not_recorded,
         estimates_read: seen.estimates_read,
         estimates_overrun: seen.estimates_overrun,
         estimates_not_finite: seen.estimates_not_finite,

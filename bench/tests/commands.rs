@@ -131,8 +131,8 @@ fn the_recorded_flight_plays_through_the_service() {
     let sent: serde_json::Value = serde_json::from_str(&replay.finish_within(2 * PATIENCE).ok()).unwrap();
     std::thread::sleep(Duration::from_millis(100));
     let reply = client.command(shared_types::payload::command::STATUS, PATIENCE).unwrap();
-    assert_eq!(reply.status.samples_accepted, sent["samples_published"].as_u64().unwrap());
-    assert_eq!(reply.status.samples_rejected_total(), 0);
+    assert_eq!(reply.status.counters.samples_accepted, sent["samples_published"].as_u64().unwrap());
+    assert_eq!(reply.status.counters.samples_rejected_total(), 0);
     let estimate = client.latest_estimate().unwrap().peek().unwrap();
     drop(client);
     daemon.stop().ok();

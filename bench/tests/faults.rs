@@ -6,8 +6,9 @@
 
 use crate::programs::{bench, document};
 use daemon::config::ConfigFile;
-use daemon::engine::{Counters, Engine};
+use daemon::engine::Engine;
 use serde_json::Value;
+use shared_types::payload::Counters;
 use shared_types::payload::Rejection;
 use sim_publisher::faults::{Delivery, Faults, Faulty, read_faults};
 use sim_publisher::{Scenario, Simulation, SimulationOptions};

@@ -158,15 +158,15 @@ fn assert_samples(flight: &Flight, force_of_1_n: Option<f64>) -> Vec<f64> {
 
 /// The service took them all; only a machine that is too busy for it may leave some out, and says so.
 fn assert_accepted(status: &Status, n: u64) {
-    let rejected = |reason: Rejection| status.samples_rejected[reason as usize];
+    let rejected = |reason: Rejection| status.counters.samples_rejected[reason as usize];
     let too_busy = rejected(Rejection::Overload) + rejected(Rejection::TooOld);
     println!(
         "{} accepted, {too_busy} came to a loop that was late, {} lost",
-        status.samples_accepted, status.samples_lost
+        status.counters.samples_accepted, status.counters.samples_lost
     );
-    assert_eq!(status.samples_rejected_total(), too_busy, "{:?}", status.samples_rejected);
-    assert_eq!(status.samples_accepted + too_busy + status.samples_lost, n);
-    assert!(status.samples_accepted * 2 > n);
+    assert_eq!(status.counters.samples_rejected_total(), too_busy, "{:?}", status.counters.samples_rejected);
+    assert_eq!(status.counters.samples_accepted + too_busy + status.counters.samples_lost, n);
+    assert!(status.counters.samples_accepted * 2 > n);
 }
 
 fn told(later_s: &[f64]) -> (f64, f64, f64) {
@@ -373,11 +373,11 @@ fn the_bridge_outlives_the_service_and_feeds_its_successor() {
         loop {
             let client = Client::connect(&domain.domain, "vehicle", PATIENCE).unwrap();
             match client.command(command::STATUS, Duration::from_secs(1)) {
-                Ok(reply) if reply.status.samples_accepted >= least => return,
+                Ok(reply) if reply.status.counters.samples_accepted >= least => return,
                 found => assert!(
                     Instant::now() < deadline,
                     "{:?}",
-                    found.map(|reply| reply.status.samples_accepted)
+                    found.map(|reply| reply.status.counters.samples_accepted)
                 ),
             }
             std::thread::sleep(Duration::from_millis(20));

@@ -54,7 +54,7 @@ fn replays_to_the_bit(length_s: f64) {
     // Of each session at 200 Hz, with what starting up takes.
     let least_ticks = (0.35 * length_s * 200.0) as u64;
     let status = client.command(command::STATUS, PATIENCE).unwrap().status;
-    assert!(status.ticks_recorded > least_ticks && status.ticks_not_recorded == 0, "{status:?}");
+    assert!(status.ticks_recorded > least_ticks && status.counters.ticks_not_recorded == 0, "{status:?}");
     drop(client);
     daemon.stop().ok();
 
@@ -124,11 +124,16 @@ fn a_slow_disk_costs_ticks_of_the_record_and_none_of_the_loop() {
     let daemon = BENCH.start(&domain, &[&["daemon", "run", "--preset", "rigid-body"], &rate[..]].concat());
     let client = domain.client();
     let status = || client.command(command::STATUS, PATIENCE).unwrap().status;
-    wait_until("ticks that are left out", || status().ticks_not_recorded >= 500);
+    wait_until("ticks that are left out", || status().counters.ticks_not_recorded >= 500);
     let before = status();
     std::thread::sleep(Duration::from_secs(1));
     let after = status();
-    assert!(after.ticks - before.ticks > 500, "the loop goes on: {} {}", before.ticks, after.ticks);
+    assert!(
+        after.counters.ticks - before.counters.ticks > 500,
+        "the loop goes on: {} {}",
+        before.counters.ticks,
+        after.counters.ticks
+    );
     // Once it is emptied the record goes on, with the gap marked.
     let file = files.path().join("copy");
     let mut copy = std::fs::File::create(&file).unwrap();

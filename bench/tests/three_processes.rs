@@ -44,20 +44,21 @@ fn assert_accounted_for(sent: &serde_json::Value, status: &Status, received: &[E
     let dropped = sent["samples_dropped"].as_u64().unwrap();
     println!(
         "sent {published}, dropped on purpose {dropped}; used {}, lost {}, rejected {}; {} ticks, {} missed",
-        status.samples_accepted,
-        status.samples_lost,
-        status.samples_rejected_total(),
-        status.ticks,
-        status.deadline_misses
+        status.counters.samples_accepted,
+        status.counters.samples_lost,
+        status.counters.samples_rejected_total(),
+        status.counters.ticks,
+        status.counters.deadline_misses
     );
     // A loop that a busy machine kept from its processor for too long turns samples away; nothing else does.
-    let turned_away = status.rejected(Rejection::Overload) + status.rejected(Rejection::TooOld);
-    assert_eq!(status.samples_rejected_total(), turned_away);
+    let turned_away =
+        status.counters.rejected(Rejection::Overload) + status.counters.rejected(Rejection::TooOld);
+    assert_eq!(status.counters.samples_rejected_total(), turned_away);
     // Every sequence number is used, turned away or counted as lost; after the newest nothing was sent.
-    let accounted = status.samples_accepted + status.samples_lost + turned_away;
+    let accounted = status.counters.samples_accepted + status.counters.samples_lost + turned_away;
     let trailing = published + dropped - accounted;
     assert!(trailing <= dropped, "{trailing} samples are not accounted for");
-    assert!(status.samples_accepted <= published);
+    assert!(status.counters.samples_accepted <= published);
     assert!(received.iter().all(Estimate::is_finite));
     // This reader may be kept from its processor for longer than its queue lasts; then the gap shows.
     let all = received.last().unwrap().sequence - received[0].sequence + 1;
@@ -91,7 +92,7 @@ fn samples_that_are_dropped_on_the_way_are_counted_as_lost() {
     let (sent, status, received) = exchange(4, &faults);
     assert!(sent["samples_dropped"].as_u64().unwrap() > 500);
     assert_accounted_for(&sent, &status, &received);
-    assert!(status.samples_lost > 500 && status.ticks_coasting > 400);
+    assert!(status.counters.samples_lost > 500 && status.counters.ticks_coasting > 400);
 }
 
 /// Waits until an estimate holds a sample that was stamped after now.

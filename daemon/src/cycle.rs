@@ -7,13 +7,13 @@
 //! on CLOCK_MONOTONIC; a late tick is counted and skipped over, never made up.
 
 use crate::config::{Config, Trigger};
-use crate::engine::{Counters, Engine, LoopCommand};
+use crate::engine::{Engine, LoopCommand};
 use crate::ports::LoopPorts;
 use crate::snapshot::SnapshotRing;
 use crate::threads::recorder::RecorderRing;
 use flight_record::Entry;
 use shared_types::clock::{monotonic_ns, sleep_until_ns};
-use shared_types::payload::{Measurement, status_bits};
+use shared_types::payload::{Counters, Measurement, status_bits};
 use std::sync::atomic::{AtomicBool, Ordering};
 
 /// One tick takes at most this many samples: a flood cannot hold the loop.

@@ -11,7 +11,7 @@ use crate::gate::{Accepted, Gate, GateState};
 pub use flight_record::LoopCommand;
 use observer::{ChannelReport, Doubt};
 use serde::{Deserialize, Serialize};
-use shared_types::payload::{Channel, Estimate, Measurement, Rejection, status_bits};
+use shared_types::payload::{Channel, Counters, Estimate, Measurement, Rejection, status_bits};
 
 /// A good copy of state and weights is kept this often (s).
 const GOOD_COPY_EVERY_S: f64 = 0.5;
@@ -19,43 +19,6 @@ const GOOD_COPY_EVERY_S: f64 = 0.5;
 const GOOD_PART_OF_LIMITS: f64 = 0.5;
 /// Who has to fall back again so soon (s) fell back on what was not good.
 const RELAPSE_S: f64 = 2.0;
-
-/// What the engine and its loop count since they started; see [`shared_types::Status`].
-#[derive(Debug, Clone, Copy, Default, PartialEq)]
-pub struct Counters {
-    /// Ticks served.
-    pub ticks: u64,
-    /// Deadlines that passed unserved.
-    pub deadline_misses: u64,
-    /// Samples used.
-    pub samples_accepted: u64,
-    /// Samples that never arrived.
-    pub samples_lost: u64,
-    /// Samples rejected, by reason.
-    pub samples_rejected: [u64; 11],
-    /// Outputs held back because they stand out: of translation, rotation, linear plant.
-    pub outputs_held_back: [u64; 3],
-    /// Outputs of a stuck sensor, likewise.
-    pub outputs_stuck: [u64; 3],
-    /// Ticks on which a channel coasted.
-    pub ticks_coasting: u64,
-    /// Ticks on which σ was clamped.
-    pub ticks_clamped: u64,
-    /// Ticks on which samples were not used because the loop was late.
-    pub ticks_predict_only: u64,
-    /// Ticks whose estimate was marked invalid.
-    pub ticks_invalid: u64,
-    /// Resets to the last good copy.
-    pub state_resets: u64,
-    /// Restarts and replacements of the source.
-    pub source_changes: u64,
-    /// Commands carried out.
-    pub commands: u64,
-    /// Tick records that found the ring to the attendant full.
-    pub records_dropped: u64,
-    /// Ticks that found the ring to the flight record full.
-    pub ticks_not_recorded: u64,
-}
 
 /// All that an engine's future depends on, beside what it learned.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]

@@ -1,21 +1,19 @@
-//! The input gate: which samples are believed. A bad one is rejected, counted and named; the last good
-//! state is kept.
+//! The input gate decides which samples are accepted. A bad one is rejected, counted and named, and changes no state.
+//!
+//! Depends on the configuration of the input, the payload's table and the observer's sample; reads no clock.
 
 use crate::config::{InputConfig, SourcePolicy};
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 use observer::{LinearOutput, Sample, Velocity};
 use serde::{Deserialize, Serialize};
 use shared_types::Measurement;
-use shared_types::payload::{Rejection, frame, valid};
+use shared_types::payload::{MAX_SEQUENCE_GAP, QUATERNION_NORM_TOLERANCE, Rejection, frame, valid};
+use shared_types::table::{Bound, Limit, Message, Payload, Value};
 
 /// Where samples are the clock, one that jumps further ahead starts a new time, if its source may (s).
-const LONGEST_JUMP_S: f64 = 60.0;
-/// A sequence further ahead than this is no gap but a damaged number.
-pub const LARGEST_GAP: u64 = 1_000_000;
-/// Sources that were replaced and must not take the stream back while it flows.
-const REPLACED: usize = 8;
-/// A unit quaternion's norm may be off by this much: single precision and a little more.
-pub const QUATERNION_NORM_TOLERANCE: f64 = 1e-3;
+const MAX_JUMP_S: f64 = 60.0;
+/// How many sources that were replaced are remembered: they must not take the stream back while it flows.
+const MAX_REPLACED: usize = 8;
 
 /// A sample to be used.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -31,7 +29,7 @@ pub struct Accepted {
     /// Whether its stamp does not go on from the one before: the state must start again. Only where the
     /// samples are the clock.
     pub new_time: bool,
-    /// Whether velocity, angular velocity, output repeat one value to the bit for longer than a living sensor does.
+    /// Whether velocity, angular velocity, output repeat one value to the bit for longer than a working sensor does.
     pub stuck: [bool; 3],
 }
 
@@ -58,8 +56,9 @@ struct Newest {
     lost_before_seen: u64,
 }
 
-/// Believes samples of one source at a time, in the order of their stamps, within physical limits. No single
-/// bad sample keeps it closed: after `takeover_after_s` without an accepted one, the next good one starts anew.
+/// Accepts samples of one source at a time, in the order of their stamps, within physical limits.
+///
+/// No bad sample closes it for good: after `takeover_after_s` without an accepted sample, the next good one starts anew.
 #[derive(Debug, Clone)]
 pub struct Gate {
     limits: InputConfig,
@@ -68,12 +67,12 @@ pub struct Gate {
     seen: GateState,
 }
 
-/// What a gate has seen: all that its future depends on.
+/// All that a gate's next decision depends on, beside the sample and the limits.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 pub struct GateState {
     newest: Option<Newest>,
     other_source: Option<u128>,
-    replaced: [Option<u128>; REPLACED],
+    replaced: [Option<u128>; MAX_REPLACED],
     /// Of velocity, angular velocity, output.
     repeats: [Repeats; 3],
 }
@@ -101,12 +100,12 @@ impl Gate {
         Self { limits, check_clock, seen: GateState::default() }
     }
 
-    /// What it has seen.
+    /// Its state.
     pub fn state(&self) -> GateState {
         self.seen
     }
 
-    /// Goes on from what another gate has seen.
+    /// Continues from the state of another gate.
     pub fn resume(&mut self, seen: &GateState) {
         self.seen = *seen;
     }
@@ -147,8 +146,8 @@ impl Gate {
         }
     }
 
-    /// Sees a sample that is not to be used, at `now_ns`, because nobody has time for it: it is not lost, and its source
-    /// is alive.
+    /// Notes a sample that arrived at `now_ns` and is not used because the loop is late. It does not count as lost, and
+    /// its source counts as alive.
     pub fn turn_away(&mut self, measurement: &Measurement, source: u128, now_ns: u64) {
         if let Some(newest) = self.seen.newest.as_mut().filter(|newest| newest.source == source) {
             newest.arrival_ns = now_ns;
@@ -160,7 +159,9 @@ impl Gate {
         let sequence = measurement.sequence;
         match &mut self.seen.newest {
             Some(newest) if newest.source != source => self.seen.other_source = Some(source),
-            Some(newest) if (1..=LARGEST_GAP).contains(&sequence.saturating_sub(newest.seen_sequence)) => {
+            Some(newest)
+                if (1..=MAX_SEQUENCE_GAP).contains(&sequence.saturating_sub(newest.seen_sequence)) =>
+            {
                 newest.lost_before_seen += sequence - newest.seen_sequence - 1;
                 newest.seen_sequence = sequence;
             }
@@ -185,7 +186,7 @@ impl Gate {
         })
     }
 
-    /// Starts again with whatever comes next.
+    /// Forgets everything: the next sample is the first.
     pub fn forget(&mut self) {
         self.seen = GateState::default();
     }
@@ -212,7 +213,7 @@ impl Gate {
 
     fn check(&self, m: &Measurement, source: u128, now_ns: u64) -> Result<Accepted, Rejection> {
         let sample = sample_of(m, &self.limits)?;
-        let linear = linear_sample_of(m, &self.limits)?;
+        let linear = linear_sample_of(m);
         let anew = Accepted { sample, linear, lost: 0, new_source: true, new_time: false, stuck: [false; 3] };
         if self.check_clock {
             if m.stamp_ns > now_ns.saturating_add(nanoseconds(self.limits.max_future_s)) {
@@ -237,8 +238,7 @@ impl Gate {
         if m.stamp_ns == newest.stamp_ns {
             return Err(Rejection::RepeatedStamp);
         }
-        let jumps =
-            !self.check_clock && m.stamp_ns > newest.stamp_ns.saturating_add(nanoseconds(LONGEST_JUMP_S));
+        let jumps = !self.check_clock && m.stamp_ns > newest.stamp_ns.saturating_add(nanoseconds(MAX_JUMP_S));
         if m.stamp_ns < newest.stamp_ns || jumps {
             return match !self.check_clock && (other || silent) {
                 true => Ok(Accepted { new_time: true, ..anew }),
@@ -249,7 +249,7 @@ impl Gate {
         if other {
             return Ok(anew);
         }
-        if (1..=LARGEST_GAP).contains(&m.sequence.saturating_sub(newest.sequence)) {
+        if (1..=MAX_SEQUENCE_GAP).contains(&m.sequence.saturating_sub(newest.sequence)) {
             let gap = m.sequence.saturating_sub(newest.seen_sequence).saturating_sub(1);
             return Ok(Accepted { lost: newest.lost_before_seen + gap, new_source: false, ..anew });
         }
@@ -260,74 +260,81 @@ impl Gate {
     }
 }
 
-/// A measurement as a sample, if its values can be.
+/// Checks each valid field against its row in the table of [`Measurement`].
 ///
 /// # Errors
 /// `Malformed`, `NotFinite`, `BeyondLimits` or `QuaternionNorm`.
-pub fn sample_of(m: &Measurement, limits: &InputConfig) -> Result<Sample, Rejection> {
-    if m.valid & valid::ALL == 0 || m.valid & !valid::ALL != 0 {
+fn check_values(m: &Measurement, limits: &InputConfig) -> Result<(), Rejection> {
+    let has_unknown_frame =
+        m.has(valid::VELOCITY) && ![frame::INERTIAL, frame::BODY].contains(&m.velocity_frame);
+    if m.valid & valid::ALL == 0 || m.valid & !valid::ALL != 0 || has_unknown_frame {
         return Err(Rejection::Malformed);
     }
-    let vector = |bit: u32, value: &[f64; 3], limit: f64| -> Result<Option<Vector3<f64>>, Rejection> {
-        if !m.has(bit) {
-            return Ok(None);
+    if !m.is_finite() {
+        return Err(Rejection::NotFinite);
+    }
+    for (i, field) in Measurement::TABLE.fields.iter().enumerate() {
+        let Value::Numbers(numbers) = m.value(i) else { continue };
+        if !m.has(field.valid) {
+            continue;
         }
-        let value = Vector3::from(*value);
-        if !value.iter().all(|c| c.is_finite()) {
-            return Err(Rejection::NotFinite);
-        }
-        if value.norm() > limit {
-            return Err(Rejection::BeyondLimits);
-        }
-        Ok(Some(value))
-    };
-    let velocity = vector(valid::VELOCITY, &m.velocity_m_s, limits.max_speed_m_s)?;
-    let velocity = match (velocity, m.velocity_frame) {
-        (None, _) => None,
-        (Some(velocity), frame::INERTIAL) => Some(Velocity::Inertial(velocity)),
-        (Some(velocity), frame::BODY) => Some(Velocity::Body(velocity)),
-        _ => return Err(Rejection::Malformed),
-    };
-    let attitude = match m.has(valid::ATTITUDE) {
-        false => None,
-        true => {
-            let [w, x, y, z] = m.attitude_wxyz;
-            let q = Quaternion::new(w, x, y, z);
-            if !m.attitude_wxyz.iter().all(|c| c.is_finite()) {
-                return Err(Rejection::NotFinite);
+        let norm = || numbers.iter().map(|x| x * x).sum::<f64>().sqrt();
+        match field.limit {
+            Limit::Norm(bound) if norm() > value_of(bound, limits) => return Err(Rejection::BeyondLimits),
+            Limit::Each(bound) if numbers.iter().any(|x| x.abs() > value_of(bound, limits)) => {
+                return Err(Rejection::BeyondLimits);
             }
-            if (q.norm() - 1.0).abs() > QUATERNION_NORM_TOLERANCE {
+            Limit::UnitNorm if (norm() - 1.0).abs() > QUATERNION_NORM_TOLERANCE => {
                 return Err(Rejection::QuaternionNorm);
             }
-            Some(UnitQuaternion::from_quaternion(q))
+            _ => {}
         }
+    }
+    Ok(())
+}
+
+/// The configured value of a bound.
+fn value_of(bound: Bound, limits: &InputConfig) -> f64 {
+    match bound {
+        Bound::Speed => limits.max_speed_m_s,
+        Bound::AngularRate => limits.max_angular_rate_rad_s,
+        Bound::Position => limits.max_position_m,
+        Bound::Force => limits.max_force_n,
+        Bound::Torque => limits.max_torque_n_m,
+        Bound::Output => limits.max_output,
+        Bound::Input => limits.max_input,
+    }
+}
+
+/// A measurement as a sample for the observer of the rigid body.
+///
+/// # Errors
+/// Where a value is not to be used: `Malformed`, `NotFinite`, `BeyondLimits` or `QuaternionNorm`.
+pub fn sample_of(m: &Measurement, limits: &InputConfig) -> Result<Sample, Rejection> {
+    check_values(m, limits)?;
+    let vector = |bit: u32, value: [f64; 3]| m.has(bit).then(|| Vector3::from(value));
+    let attitude = || {
+        let [w, x, y, z] = m.attitude_wxyz;
+        UnitQuaternion::from_quaternion(Quaternion::new(w, x, y, z))
     };
     Ok(Sample {
         stamp_ns: m.stamp_ns,
-        velocity,
-        angular_velocity_rad_s: vector(
-            valid::ANGULAR_VELOCITY,
-            &m.angular_velocity_rad_s,
-            limits.max_angular_rate_rad_s,
-        )?,
-        position_m: vector(valid::POSITION, &m.position_m, limits.max_position_m)?,
-        attitude,
-        force_n: vector(valid::FORCE, &m.force_n, limits.max_force_n)?,
-        torque_n_m: vector(valid::TORQUE, &m.torque_n_m, limits.max_torque_n_m)?,
+        velocity: vector(valid::VELOCITY, m.velocity_m_s).map(|velocity| match m.velocity_frame {
+            frame::BODY => Velocity::Body(velocity),
+            _ => Velocity::Inertial(velocity),
+        }),
+        angular_velocity_rad_s: vector(valid::ANGULAR_VELOCITY, m.angular_velocity_rad_s),
+        position_m: vector(valid::POSITION, m.position_m),
+        attitude: m.has(valid::ATTITUDE).then(attitude),
+        force_n: vector(valid::FORCE, m.force_n),
+        torque_n_m: vector(valid::TORQUE, m.torque_n_m),
     })
 }
 
-fn linear_sample_of(m: &Measurement, limits: &InputConfig) -> Result<LinearSample, Rejection> {
-    let vector = |bit: u32, value: &[f64; 6], limit: f64| match m.has(bit) {
-        false => Ok(None),
-        true if !value.iter().all(|c| c.is_finite()) => Err(Rejection::NotFinite),
-        true if value.iter().any(|c| c.abs() > limit) => Err(Rejection::BeyondLimits),
-        true => Ok(Some(LinearOutput::from(*value))),
-    };
-    Ok(LinearSample {
-        output: vector(valid::OUTPUT, &m.output, limits.max_output)?,
-        input: vector(valid::INPUT, &m.input, limits.max_input)?,
-    })
+/// A measurement whose values are checked, as a sample for the observer of a general linear plant.
+fn linear_sample_of(m: &Measurement) -> LinearSample {
+    let vector = |bit: u32, value: [f64; 6]| m.has(bit).then(|| LinearOutput::from(value));
+    LinearSample { output: vector(valid::OUTPUT, m.output), input: vector(valid::INPUT, m.input) }
 }
 
 fn nanoseconds(duration_s: f64) -> u64 {

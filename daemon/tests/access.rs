@@ -115,7 +115,7 @@ fn another_user_is_told_whose_service_it_is() {
         assert!(log.contains("belongs to user id 0; this process runs as user id 65534"), "{log}");
         assert!(log.contains("--root"), "{log}");
     }
-    assert_eq!(domain.status().commands, 0, "no command of theirs was carried out");
+    assert_eq!(domain.status().counters.commands, 0, "no command of theirs was carried out");
 }
 
 /// Played by the test below as another user who does not use our client: every door, tried directly.
@@ -163,7 +163,7 @@ fn another_user_finds_every_door_closed() {
     let (code, out, log) = finished(output);
     assert!(code == Some(0) && out.contains("every door is closed"), "{out}{log}");
     let status = domain.status();
-    assert_eq!((status.samples_accepted, status.commands), (1, 0));
+    assert_eq!((status.counters.samples_accepted, status.counters.commands), (1, 0));
 }
 
 #[test]
@@ -299,27 +299,27 @@ fn a_flood_drops_the_oldest_counts_them_and_does_not_hold_the_loop() {
         sequence += 1;
     };
     publish();
-    wait_until("the first sample", || domain.status().samples_accepted == 1);
-    let ticks_before = domain.status().ticks;
+    wait_until("the first sample", || domain.status().counters.samples_accepted == 1);
+    let ticks_before = domain.status().counters.ticks;
     // As many as may be missed in a row without a new start of the stream.
     let published = 1_000_000;
     for _ in 2..published {
         publish();
     }
-    wait_until("the next tick", || domain.status().ticks > ticks_before);
+    wait_until("the next tick", || domain.status().counters.ticks > ticks_before);
     // The gap before the last one shows when it is taken.
     std::thread::sleep(Duration::from_millis(300));
     publish();
     wait_until("the last sample", || {
         let status = domain.status();
-        let rejected: u64 = status.samples_rejected.iter().sum();
-        status.samples_accepted + status.samples_lost + rejected == published
+        let rejected: u64 = status.counters.samples_rejected.iter().sum();
+        status.counters.samples_accepted + status.counters.samples_lost + rejected == published
     });
     let status = domain.status();
-    assert!(status.samples_lost > published / 2, "{} of {published}", status.samples_lost);
+    assert!(status.counters.samples_lost > published / 2, "{} of {published}", status.counters.samples_lost);
     // While a tick takes them others come: it stops at 256.
-    let most = 256 * (status.ticks - ticks_before + 1) + 1;
-    assert!(status.samples_accepted <= most, "{} of {published}", status.samples_accepted);
+    let most = 256 * (status.counters.ticks - ticks_before + 1) + 1;
+    assert!(status.counters.samples_accepted <= most, "{} of {published}", status.counters.samples_accepted);
 }
 
 #[test]
@@ -337,15 +337,17 @@ fn forged_stamps_and_sequences_are_refused_and_the_next_good_sample_is_taken() {
         (Measurement { sequence: u64::MAX, ..good(0) }, Rejection::SequenceBackwards),
     ];
     sensors.publish(&good(0)).unwrap();
-    wait_until("the first sample", || domain.status().samples_accepted == 1);
+    wait_until("the first sample", || domain.status().counters.samples_accepted == 1);
     for (index, (measurement, reason)) in forged.into_iter().enumerate() {
-        let before = domain.status().samples_rejected[reason as usize];
+        let before = domain.status().counters.samples_rejected[reason as usize];
         let stamp_ns =
             if reason == Rejection::SequenceBackwards { monotonic_ns() } else { measurement.stamp_ns };
         sensors.publish(&Measurement { stamp_ns, ..measurement }).unwrap();
-        wait_until("the refusal", || domain.status().samples_rejected[reason as usize] == before + 1);
+        wait_until("the refusal", || {
+            domain.status().counters.samples_rejected[reason as usize] == before + 1
+        });
         sensors.publish(&good(index as u64 + 2)).unwrap();
-        wait_until("the next good one", || domain.status().samples_accepted == index as u64 + 2);
+        wait_until("the next good one", || domain.status().counters.samples_accepted == index as u64 + 2);
     }
 }
 
@@ -398,5 +400,5 @@ fn limits_of_a_configuration_bound_what_a_source_can_claim() {
             assert!(estimate.velocity_m_s[0] < 3.05, "{estimate:?}");
         }
     }
-    assert!(domain.status().samples_rejected[Rejection::BeyondLimits as usize] > 40);
+    assert!(domain.status().counters.samples_rejected[Rejection::BeyondLimits as usize] > 40);
 }

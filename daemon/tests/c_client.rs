@@ -140,7 +140,7 @@ fn what_goes_in_comes_out_and_commands_are_answered() {
     // Peeking takes nothing away, and leaves what it found.
     good(c::peek(handle, &raw mut estimate));
     wait_until("a status that counts the samples", || {
-        c::read_status(handle, &raw mut status) == CallResult::Ok && status.samples_accepted == 100
+        c::read_status(handle, &raw mut status) == CallResult::Ok && status.counters.samples_accepted == 100
     });
     wait_until("an empty queue", || c::take(handle, &raw mut estimate) == CallResult::Nothing);
 
@@ -447,7 +447,7 @@ fn the_flight_loops_in_c_and_cpp_have_an_estimate_for_every_sample() {
         let found = ["published", "answered", "newest", "outages"].map(|word| number(&summary, word));
         assert_eq!(found, [samples, samples, samples - 1, 0], "{source}, {linked:?}: {summary}");
         assert!(summary.contains("samples used, outcome 0"), "{source}: {summary}");
-        wait_until("all to be counted", || domain.status().samples_accepted == samples);
+        wait_until("all to be counted", || domain.status().counters.samples_accepted == samples);
         // It closed what it opened.
         assert_eq!(daemon.stop().0, Some(0));
         domain.assert_clean();
@@ -464,7 +464,7 @@ fn a_loop_in_c_flies_on_while_the_service_is_killed_and_comes_back() {
     let arguments = ["--config", config.path().to_str().unwrap()];
     let daemon = Daemon::start(&domain, &arguments);
     let vehicle = program.command(&domain, &["3000", "250", "0.02"]).spawn().unwrap();
-    wait_until("samples to be used", || domain.status().samples_accepted > 10);
+    wait_until("samples to be used", || domain.status().counters.samples_accepted > 10);
     daemon.signal(Signal::KILL);
     daemon.finish();
     std::thread::sleep(Duration::from_millis(300));
@@ -475,7 +475,7 @@ fn a_loop_in_c_flies_on_while_the_service_is_killed_and_comes_back() {
     let (answered, newest) = (number(&summary, "answered"), number(&summary, "newest"));
     assert!((1..3000).contains(&answered) && newest > answered, "{summary}");
     // What the second service used came from the same ports.
-    assert!(domain.status().samples_accepted > 0);
+    assert!(domain.status().counters.samples_accepted > 0);
     assert_eq!(daemon.stop().0, Some(0));
 }
 
@@ -503,7 +503,7 @@ fn a_forked_child_that_exits_takes_no_port_of_its_parent() {
 
 #[test]
 fn the_readmes_loop_is_accepted_by_the_compiler() {
-    let readme = std::fs::read_to_string(of_the_client("README.md")).unwrap();
+    let readme = include_str!("../../shared_types/c/README.md");
     let block = readme.split("```cpp\n").nth(1).unwrap().split("```").next().unwrap();
     let directory = tempfile::tempdir().unwrap();
     let source = directory.path().join("loop.cpp");

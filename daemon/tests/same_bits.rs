@@ -47,7 +47,7 @@ fn the_service_and_the_library_agree_to_the_bit() {
         }
     }
     let status = domain.status();
-    assert_eq!(status.samples_accepted as usize, sent.len(), "{status:?}");
+    assert_eq!(status.counters.samples_accepted as usize, sent.len(), "{status:?}");
     assert_eq!(daemon.stop().0, Some(0));
 
     let mut config = ConfigFile::preset("auv").unwrap();

@@ -61,12 +61,12 @@ fn samples_go_in_and_estimates_come_out() {
     assert!(newest_one.sequence >= received.last().unwrap().sequence);
     assert!((newest_one.velocity_m_s[2] - 0.5).abs() < 0.2);
 
-    wait_until("the status to count the samples", || domain.status().samples_accepted == 200);
+    wait_until("the status to count the samples", || domain.status().counters.samples_accepted == 200);
     let status = domain.status();
-    assert_eq!((status.samples_lost, status.samples_rejected_total()), (0, 0));
+    assert_eq!((status.counters.samples_lost, status.counters.samples_rejected_total()), (0, 0));
     assert_eq!(status.source_pid, u64::from(std::process::id()));
     assert_eq!(status.other_source_pid, 0);
-    assert_eq!(status.step_ns.count, status.ticks);
+    assert_eq!(status.step_ns.count, status.counters.ticks);
 
     // The same on the status topic, waited for and at a glance.
     let next = client.status_subscriber().unwrap().wait_next(PATIENCE).unwrap();
@@ -131,11 +131,11 @@ fn bad_samples_are_rejected_counted_and_do_no_harm() {
         expected[reason as usize] += 1;
     }
     send(&|m| m);
-    wait_until("all to be counted", || domain.status().samples_rejected == expected);
+    wait_until("all to be counted", || domain.status().counters.samples_rejected == expected);
     let status = domain.status();
-    assert_eq!(status.samples_accepted, 4);
+    assert_eq!(status.counters.samples_accepted, 4);
     // 1 to 4 and 6 to 8 never arrived, nor the number that the backward one stands for; what was rejected did.
-    assert_eq!(status.samples_lost, 8);
+    assert_eq!(status.counters.samples_lost, 8);
     let mut rejected_bit = false;
     while let Some(estimate) = estimates.take().unwrap() {
         assert!(estimate.is_finite());
@@ -188,7 +188,7 @@ fn of_two_sources_the_first_wins_and_the_other_is_named() {
     let own_pid = u64::from(std::process::id());
     wait_until("both to be counted", || {
         let status = domain.status();
-        status.samples_accepted == 40 && status.rejected(Rejection::OtherSource) == 40
+        status.counters.samples_accepted == 40 && status.counters.rejected(Rejection::OtherSource) == 40
     });
     assert_eq!(domain.status().other_source_pid, own_pid);
     // The first falls silent: after `takeover_after_s` the other one is used.
@@ -197,8 +197,8 @@ fn of_two_sources_the_first_wins_and_the_other_is_named() {
         b.publish(&Measurement { sequence: 500 + sequence, ..moving(sequence) }).unwrap();
         period();
     }
-    wait_until("the other source to take over", || domain.status().samples_accepted == 50);
-    assert_eq!(domain.status().source_changes, 2);
+    wait_until("the other source to take over", || domain.status().counters.samples_accepted == 50);
+    assert_eq!(domain.status().counters.source_changes, 2);
 }
 
 #[test]
@@ -213,8 +213,8 @@ fn a_source_that_starts_again_is_accepted() {
             sensors.publish(&moving(sequence)).unwrap();
             period();
         }
-        wait_until("the samples to be used", || domain.status().samples_accepted == accepted);
-        assert_eq!(domain.status().samples_lost, 0);
+        wait_until("the samples to be used", || domain.status().counters.samples_accepted == accepted);
+        assert_eq!(domain.status().counters.samples_lost, 0);
     }
 }
 
@@ -314,7 +314,7 @@ fn a_state_beyond_its_limits_is_put_back_and_counted() {
             .unwrap();
         period();
     }
-    wait_until("resets", || domain.status().state_resets > 0);
+    wait_until("resets", || domain.status().counters.state_resets > 0);
     let mut diverged = 0;
     while let Some(estimate) = estimates.take().unwrap() {
         let force = estimate.matched_force_n.iter().map(|f| f * f).sum::<f64>().sqrt();
@@ -348,11 +348,11 @@ fn spikes_are_held_back_and_a_stuck_sensor_is_named() {
             assert!(estimate.velocity_m_s[0].abs() < 2.0, "{:?}", estimate.velocity_m_s);
         }
     }
-    wait_until("all to be counted", || domain.status().samples_accepted == 400);
+    wait_until("all to be counted", || domain.status().counters.samples_accepted == 400);
     let status = domain.status();
-    assert_eq!(status.outputs_held_back[0], 2, "{status:?}");
+    assert_eq!(status.counters.outputs_held_back[0], 2, "{status:?}");
     // The first of the 150 is new, and the next 49 may be chance.
-    assert_eq!(status.outputs_stuck, [0, 100, 0]);
+    assert_eq!(status.counters.outputs_stuck, [0, 100, 0]);
     assert_eq!(
         bits & (status_bits::HELD_BACK | status_bits::STUCK),
         status_bits::HELD_BACK | status_bits::STUCK
@@ -390,7 +390,7 @@ fn every_sample_has_its_estimate_where_samples_are_trigger_and_clock() {
     std::thread::sleep(Duration::from_millis(250));
     let newest = (0..50).map(answered).last().unwrap();
     assert!(newest.translation.native_norm > 0.0);
-    wait_until("all to be counted", || domain.status().samples_accepted == 250);
+    wait_until("all to be counted", || domain.status().counters.samples_accepted == 250);
 }
 
 #[test]
@@ -511,7 +511,7 @@ fn a_stopped_daemon_skips_its_missed_ticks() {
     std::thread::sleep(Duration::from_millis(400));
     daemon.signal(Signal::CONT);
     std::thread::sleep(Duration::from_millis(300));
-    assert!(domain.status().deadline_misses > 60);
+    assert!(domain.status().counters.deadline_misses > 60);
     let mut stamps_ns = Vec::new();
     while let Some(estimate) = estimates.take().unwrap() {
         stamps_ns.push(estimate.stamp_ns);
@@ -561,9 +561,12 @@ fn a_linear_plant_of_the_users_own_is_estimated() {
     // Bad input is refused by reason, and silence means coasting.
     sensors.publish(&Measurement::at(monotonic_ns(), 600).with_output(&[f64::NAN])).unwrap();
     sensors.publish(&Measurement::at(monotonic_ns(), 601).with_output(&[1e12])).unwrap();
-    wait_until("both to be refused", || domain.status().samples_rejected_total() == 2);
+    wait_until("both to be refused", || domain.status().counters.samples_rejected_total() == 2);
     let status = domain.status();
-    assert_eq!((status.rejected(Rejection::NotFinite), status.rejected(Rejection::BeyondLimits)), (1, 1));
+    assert_eq!(
+        (status.counters.rejected(Rejection::NotFinite), status.counters.rejected(Rejection::BeyondLimits)),
+        (1, 1)
+    );
     wait_until("coasting", || newest(&mut latest).status & status_bits::COASTING_LINEAR != 0);
     drop(latest);
     drop(sensors);

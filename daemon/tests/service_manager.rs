@@ -95,9 +95,9 @@ fn a_loop_that_does_not_tick_feeds_nothing() {
     let daemon = manager.start(&domain, Duration::from_millis(80), &arguments);
     manager.hear_until("READY=1\n");
     let start = Instant::now();
-    let first_ticks = domain.status().ticks;
+    let first_ticks = domain.status().counters.ticks;
     let heard = manager.hear_for(Duration::from_millis(3300));
-    let ticks = domain.status().ticks - first_ticks;
+    let ticks = domain.status().counters.ticks - first_ticks;
     assert!(start.elapsed() < PATIENCE);
     let fed = feedings(&heard) as u64;
     assert!(fed >= 1 && fed <= ticks + 1, "fed {fed} times in {ticks} ticks");

@@ -382,7 +382,7 @@ fn a_log_that_nobody_reads_ends_nothing() {
         sensors.publish(&still(sequence)).unwrap();
         std::thread::sleep(Duration::from_millis(5));
     }
-    wait_until("a fall", || domain.status().state_resets > 0);
+    wait_until("a fall", || domain.status().counters.state_resets > 0);
     std::thread::sleep(Duration::from_millis(500));
     assert!(daemon.child.try_wait().unwrap().is_none(), "it runs on");
 }

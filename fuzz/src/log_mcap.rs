@@ -5,13 +5,8 @@ use sim_publisher::{CsvMap, Format, Import, parse_flight};
 
 /// One run.
 pub(crate) fn run(bytes: &[u8]) {
-    let column = |axis: &str| Some(format!("/a:v.{axis}"));
-    let named = CsvMap {
-        velocity_x: column("x"),
-        velocity_y: column("y"),
-        velocity_z: column("z"),
-        ..CsvMap::default()
-    };
+    let columns = ["x", "y", "z"].map(|axis| (format!("velocity_{axis}"), format!("/a:v.{axis}")));
+    let named = CsvMap { columns: columns.into(), ..CsvMap::default() };
     for map in [CsvMap::default(), named] {
         let import = Import { map, ..Import::default() };
         check_recording(parse_flight(Format::Mcap, bytes, "fuzz", &import));

@@ -2,7 +2,8 @@
 //!
 //! | module | holds |
 //! |---|---|
-//! | [`payload`] | the fixed-size messages, every field with its unit |
+//! | [`payload`] | the fixed-size messages: one table each |
+//! | [`table`] | what a table is, and the macros that make structs of it |
 //! | [`service`] | service names and qualities, in one place |
 //! | [`client`] | what a vehicle's process or a reader uses: publish, wait, peek, command |
 //! | [`clock`] | the one clock of all time stamps |
@@ -38,6 +39,9 @@
 #[doc = include_str!("../../README.md")]
 pub struct ReadMe;
 
+#[macro_use]
+pub mod table;
+
 pub mod client;
 pub mod clock;
 pub mod payload;
@@ -46,4 +50,4 @@ pub mod terminal;
 
 pub use client::{Client, ClientError};
 pub use domain::{self, Domain, DomainError};
-pub use payload::{Channel, Command, Estimate, LatencySummary, Measurement, Reply, Status, Truth};
+pub use payload::{Channel, Command, Counters, Estimate, LatencySummary, Measurement, Reply, Status, Truth};

@@ -25,6 +25,7 @@ use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 use shared_types::Measurement;
 use shared_types::payload::valid;
+use shared_types::table::Message;
 use std::collections::VecDeque;
 use std::iter::Peekable;
 
@@ -182,7 +183,7 @@ impl Active {
     /// Changes the values that the sensor gives.
     fn distort(&mut self, sample: &mut Measurement) {
         let Fault { kind, field, span } = self.fault;
-        let fields = field.bits() & sample.valid;
+        let fields = field.bits & measured() & sample.valid;
         if fields == 0 {
             return;
         }
@@ -202,14 +203,9 @@ impl Active {
                 self.samples += 1;
             }
             Kind::Nan { every } if self.is_one_in(every) => {
-                let nothing = Measurement {
-                    velocity_m_s: [f64::NAN; 3],
-                    angular_velocity_rad_s: [f64::NAN; 3],
-                    position_m: [f64::NAN; 3],
-                    attitude_wxyz: [f64::NAN; 4],
-                    ..*sample
-                };
-                copy(fields, &nothing, sample);
+                for (place, _, _) in Field::places().filter(|(_, place, _)| fields & place.valid != 0) {
+                    sample.numbers_mut(place).fill(f64::NAN);
+                }
                 self.samples += 1;
             }
             Kind::Bias { size } => {
@@ -228,7 +224,7 @@ impl Active {
     /// Takes the field out of the sample; `true` where nothing is left of it, or it was lost before.
     fn loses(&mut self, sample: &mut Measurement, lost_before: bool) -> bool {
         let Fault { kind, field, span } = self.fault;
-        let fields = field.bits() & sample.valid;
+        let fields = field.bits & measured() & sample.valid;
         let chance: f64 = if matches!(kind, Kind::Drop { .. }) { self.random.random() } else { 1.0 };
         if fields == 0 || !span.contains_ns(sample.stamp_ns) {
             return lost_before;
@@ -243,11 +239,16 @@ impl Active {
             return true;
         }
         self.samples += u64::from(lost);
-        if lost && field != Field::All {
+        if lost && field != Field::ALL {
             sample.valid &= !fields;
         }
-        lost && (field == Field::All || sample.valid == 0)
+        lost && (field == Field::ALL || sample.valid == 0)
     }
+}
+
+/// The bits of all fields that a fault may concern.
+fn measured() -> u32 {
+    Field::places().fold(0, |bits, (_, field, _)| bits | field.valid)
 }
 
 fn direction(random: &mut ChaCha8Rng) -> Vector3<f64> {
@@ -257,35 +258,24 @@ fn direction(random: &mut ChaCha8Rng) -> Vector3<f64> {
 
 /// Copies the values of these fields.
 fn copy(fields: u32, from: &Measurement, to: &mut Measurement) {
+    for (place, _, _) in Field::places().filter(|(_, field, _)| fields & field.valid != 0) {
+        to.numbers_mut(place).copy_from_slice(from.numbers(place));
+    }
     if fields & valid::VELOCITY != 0 {
-        (to.velocity_m_s, to.velocity_frame) = (from.velocity_m_s, from.velocity_frame);
-    }
-    if fields & valid::ANGULAR_VELOCITY != 0 {
-        to.angular_velocity_rad_s = from.angular_velocity_rad_s;
-    }
-    if fields & valid::POSITION != 0 {
-        to.position_m = from.position_m;
-    }
-    if fields & valid::ATTITUDE != 0 {
-        to.attitude_wxyz = from.attitude_wxyz;
+        to.velocity_frame = from.velocity_frame;
     }
 }
 
 /// Adds an error to these fields; to the attitude as a rotation about the body axes.
 fn add(fields: u32, error: &Vector3<f64>, sample: &mut Measurement) {
-    for (bit, value) in [
-        (valid::VELOCITY, &mut sample.velocity_m_s),
-        (valid::ANGULAR_VELOCITY, &mut sample.angular_velocity_rad_s),
-        (valid::POSITION, &mut sample.position_m),
-    ] {
-        if fields & bit != 0 {
-            *value = (Vector3::from(*value) + error).into();
+    for (place, _, _) in Field::places().filter(|(_, field, _)| fields & field.valid != 0) {
+        match sample.numbers_mut(place) {
+            [w, x, y, z] => {
+                let attitude = UnitQuaternion::from_quaternion(Quaternion::new(*w, *x, *y, *z));
+                [*w, *x, *y, *z] = wxyz(&(attitude * UnitQuaternion::new(*error)));
+            }
+            values => values.iter_mut().zip(error).for_each(|(value, error)| *value += error),
         }
-    }
-    if fields & valid::ATTITUDE != 0 {
-        let [w, x, y, z] = sample.attitude_wxyz;
-        let attitude = UnitQuaternion::from_quaternion(Quaternion::new(w, x, y, z));
-        sample.attitude_wxyz = wxyz(&(attitude * UnitQuaternion::new(*error)));
     }
 }
 

@@ -6,6 +6,7 @@ use crate::replay::{
 use serde::Serialize;
 use shared_types::Measurement;
 use shared_types::payload::{frame, valid};
+use shared_types::table::Field;
 use std::fmt;
 use std::path::Path;
 
@@ -13,7 +14,7 @@ use std::path::Path;
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Quantity {
     /// Which, with its unit.
-    pub name: &'static str,
+    pub name: String,
     /// Samples that carry it.
     pub samples: usize,
     /// One over the median time between two of them; `None` for fewer than two (Hz).
@@ -203,35 +204,31 @@ fn shell_word(text: &str) -> String {
 
 fn quantities(samples: &[Measurement]) -> Vec<Quantity> {
     let velocity = match samples.iter().find(|sample| sample.has(valid::VELOCITY)) {
-        Some(sample) if sample.velocity_frame == frame::BODY => "velocity, body axes (m/s)",
-        _ => "velocity, inertial axes (m/s)",
+        Some(sample) if sample.velocity_frame == frame::BODY => "velocity, body axes",
+        _ => "velocity, inertial axes",
     };
-    type Values = fn(&Measurement) -> Vec<f64>;
-    let kinds: [(&str, u32, Values); 6] = [
-        (velocity, valid::VELOCITY, |sample| sample.velocity_m_s.to_vec()),
-        ("angular velocity (rad/s)", valid::ANGULAR_VELOCITY, |sample| {
-            sample.angular_velocity_rad_s.to_vec()
-        }),
-        ("position (m)", valid::POSITION, |sample| sample.position_m.to_vec()),
-        ("attitude w, x, y, z", valid::ATTITUDE, |sample| sample.attitude_wxyz.to_vec()),
-        ("force (N)", valid::FORCE, |sample| sample.force_n.to_vec()),
-        ("torque (N m)", valid::TORQUE, |sample| sample.torque_n_m.to_vec()),
-    ];
-    kinds.into_iter().filter_map(|(name, bit, values)| quantity(name, samples, bit, values)).collect()
+    let found = Measurement::quantities().map(|(place, field, quantity)| {
+        let name = match field.valid {
+            valid::VELOCITY => velocity.into(),
+            _ => quantity.key.replace('_', " "),
+        };
+        let name = match (quantity.unit, field.components.names) {
+            ("", []) => name,
+            ("", names) => format!("{name} {}", names.join(", ")),
+            (unit, _) => format!("{name} ({unit})"),
+        };
+        quantity_of(name, samples, place, field)
+    });
+    found.flatten().collect()
 }
 
-fn quantity(
-    name: &'static str,
-    samples: &[Measurement],
-    bit: u32,
-    values: fn(&Measurement) -> Vec<f64>,
-) -> Option<Quantity> {
-    let carrying: Vec<_> = samples.iter().filter(|sample| sample.has(bit)).collect();
+fn quantity_of(name: String, samples: &[Measurement], place: usize, field: &Field) -> Option<Quantity> {
+    let carrying: Vec<_> = samples.iter().filter(|sample| sample.has(field.valid)).collect();
     let mut intervals_ns: Vec<u64> =
         carrying.windows(2).map(|pair| pair[1].stamp_ns - pair[0].stamp_ns).collect();
     intervals_ns.sort_unstable();
     let extreme = |extreme: fn(f64, f64) -> f64| {
-        let all = carrying.iter().map(|sample| values(sample));
+        let all = carrying.iter().map(|sample| sample.numbers(place).to_vec());
         all.reduce(|a, b| a.into_iter().zip(b).map(|(a, b)| extreme(a, b)).collect())
     };
     Some(Quantity {

@@ -110,20 +110,20 @@ fn back_at(curve: &Curve, limit: f64, from_s: f64, until_s: f64) -> Option<f64> 
 
 /// Everything that the service counts beside its ticks and the samples it used, by name.
 fn counters(status: &Status) -> Vec<(String, u64)> {
-    let rejected = Rejection::ALL
-        .into_iter()
-        .map(|reason| (format!("rejected_{}", reason.words().replace(' ', "_")), status.rejected(reason)));
+    let rejected = Rejection::ALL.into_iter().map(|reason| {
+        (format!("rejected_{}", reason.words().replace(' ', "_")), status.counters.rejected(reason))
+    });
     let others = [
-        ("samples_lost", status.samples_lost),
-        ("velocities_held_back", status.outputs_held_back[0]),
-        ("angular_velocities_held_back", status.outputs_held_back[1]),
-        ("velocities_stuck", status.outputs_stuck[0]),
-        ("angular_velocities_stuck", status.outputs_stuck[1]),
-        ("ticks_coasting", status.ticks_coasting),
-        ("ticks_clamped", status.ticks_clamped),
-        ("state_resets", status.state_resets),
-        ("source_changes", status.source_changes),
-        ("deadline_misses", status.deadline_misses),
+        ("samples_lost", status.counters.samples_lost),
+        ("velocities_held_back", status.counters.outputs_held_back[0]),
+        ("angular_velocities_held_back", status.counters.outputs_held_back[1]),
+        ("velocities_stuck", status.counters.outputs_stuck[0]),
+        ("angular_velocities_stuck", status.counters.outputs_stuck[1]),
+        ("ticks_coasting", status.counters.ticks_coasting),
+        ("ticks_clamped", status.counters.ticks_clamped),
+        ("state_resets", status.counters.state_resets),
+        ("source_changes", status.counters.source_changes),
+        ("deadline_misses", status.counters.deadline_misses),
     ];
     others.into_iter().map(|(name, count)| (name.to_owned(), count)).chain(rejected).collect()
 }

@@ -64,15 +64,15 @@ impl Report {
         outln!(
             "samples: {} sent, {} used, {} lost, {} rejected;  ticks: {}, {} deadlines missed, {} coasting",
             self.samples_sent,
-            status.samples_accepted,
-            status.samples_lost,
-            status.samples_rejected_total(),
-            status.ticks,
-            status.deadline_misses,
-            status.ticks_coasting
+            status.counters.samples_accepted,
+            status.counters.samples_lost,
+            status.counters.samples_rejected_total(),
+            status.counters.ticks,
+            status.counters.deadline_misses,
+            status.counters.ticks_coasting
         );
-        for reason in Rejection::ALL.into_iter().filter(|&reason| status.rejected(reason) > 0) {
-            outln!("  rejected: {} {}", status.rejected(reason), reason.words());
+        for reason in Rejection::ALL.into_iter().filter(|&reason| status.counters.rejected(reason) > 0) {
+            outln!("  rejected: {} {}", status.counters.rejected(reason), reason.words());
         }
         let mut latencies = Table::new();
         latencies.load_style(UTF8_FULL_CONDENSED);
@@ -105,11 +105,11 @@ impl Report {
         put("duration_s".into(), self.duration_s.into());
         put("rate_hz".into(), self.rate_hz.into());
         put("samples_sent".into(), self.samples_sent.into());
-        put("samples_used".into(), status.samples_accepted.into());
-        put("samples_lost".into(), status.samples_lost.into());
-        put("samples_rejected".into(), status.samples_rejected_total().into());
-        put("ticks".into(), status.ticks.into());
-        put("deadline_misses".into(), status.deadline_misses.into());
+        put("samples_used".into(), status.counters.samples_accepted.into());
+        put("samples_lost".into(), status.counters.samples_lost.into());
+        put("samples_rejected".into(), status.counters.samples_rejected_total().into());
+        put("ticks".into(), status.counters.ticks.into());
+        put("deadline_misses".into(), status.counters.deadline_misses.into());
         for (_, key, of) in QUANTITIES {
             for (suffix, errors) in [("", &self.with), ("_without_adaptation", &self.without)] {
                 for (statistic, pick) in [("rms", (|e| e.rms) as fn(RmsMax) -> f64), ("max", |e| e.max)] {

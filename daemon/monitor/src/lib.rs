@@ -12,6 +12,7 @@
 //! | [`view`] | what the terminal shows of the model; what each word of the status means |
 //! | [`lines`] | `--once` and `--json` |
 //! | [`topics`], [`messages`] | what a recording and a live stream carry: channels, and their messages with schemas |
+//! | [`motion`] | Foxglove's own messages, where they say the same as ours |
 //! | [`record`], [`serve`] | an MCAP file; a WebSocket server |
 //! | [`cli`] | arguments |
 //!
@@ -22,6 +23,7 @@ pub mod lines;
 pub mod link;
 pub mod messages;
 pub mod model;
+pub mod motion;
 pub mod record;
 pub mod serve;
 pub mod topics;

@@ -309,7 +309,7 @@ impl Model {
     /// Reasons of rejection with their counts, the most frequent first.
     pub fn rejections(&self) -> Vec<(Rejection, u64)> {
         let Some(status) = &self.status else { return Vec::new() };
-        let counts = Rejection::ALL.map(|reason| (reason, status.rejected(reason)));
+        let counts = Rejection::ALL.map(|reason| (reason, status.counters.rejected(reason)));
         let mut counts: Vec<_> = counts.into_iter().filter(|&(_, count)| count > 0).collect();
         counts.sort_by_key(|&(_, count)| std::cmp::Reverse(count));
         counts

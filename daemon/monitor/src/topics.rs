@@ -14,14 +14,15 @@
 //! topic: a sensor's clock may be wrong, a viewer's time may not go back. The stamp itself stays, as a field.
 
 use crate::link::News;
-use crate::messages::{Estimate, Measurement, Motion, Status, Truth, log_line};
+use crate::messages::Recorded;
+use crate::motion::{Motion, log_line};
 use foxglove::messages::log::Level;
 use foxglove::messages::{FrameTransform, Log, Odometry};
 use foxglove::{Channel, Context, Encode, PartialMetadata};
 use rustix::time::{ClockId, clock_gettime};
 use serde::Serialize;
 use shared_types::clock::monotonic_ns;
-use shared_types::payload::{self, status_bits};
+use shared_types::payload::{Estimate, Measurement, Status, Truth, status_bits};
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
@@ -124,10 +125,10 @@ const TOLD: u64 = status_bits::STALE
 pub struct Topics {
     clock: WallClock,
     instance: String,
-    measurement: Topic<Measurement>,
-    estimate: Topic<Estimate>,
-    truth: Topic<Truth>,
-    status: Topic<Status>,
+    measurement: Topic<Recorded<Measurement>>,
+    estimate: Topic<Recorded<Estimate>>,
+    truth: Topic<Recorded<Truth>>,
+    status: Topic<Recorded<Status>>,
     estimate_odometry: Topic<Odometry>,
     truth_odometry: Topic<Odometry>,
     transform: Topic<FrameTransform>,
@@ -183,13 +184,13 @@ impl Topics {
             News::Measurement(sample) => {
                 let missing = self.measurements.count(sample.sequence);
                 self.tell_missing(missing, "measurement", receipt_ns);
-                self.measurement.log(self.clock, sample.stamp_ns, receipt_ns, |_| sample.into());
+                self.measurement.log(self.clock, sample.stamp_ns, receipt_ns, |_| Recorded(*sample));
             }
             News::Estimate(estimate) => self.note_estimate(estimate, receipt_ns),
             News::Truth(truth) => {
                 let missing = self.truths.count(truth.sequence);
                 self.tell_missing(missing, "truth", receipt_ns);
-                self.truth.log(self.clock, truth.stamp_ns, receipt_ns, |_| truth.into());
+                self.truth.log(self.clock, truth.stamp_ns, receipt_ns, |_| Recorded(*truth));
                 let (frame, motion) = (&self.instance, Motion::of(truth));
                 let body = format!("{frame}/true_body");
                 self.truth_odometry.log(self.clock, truth.stamp_ns, receipt_ns, |wall_ns| {
@@ -205,7 +206,7 @@ impl Topics {
                 self.newest_status_ns = status.stamp_ns;
                 let missing = self.statuses.count(status.sequence);
                 self.tell_missing(missing, "status", receipt_ns);
-                self.status.log(self.clock, status.stamp_ns, receipt_ns, |_| status.into());
+                self.status.log(self.clock, status.stamp_ns, receipt_ns, |_| Recorded(*status));
             }
             News::Away { why, .. } if !self.is_away => {
                 (self.is_away, self.told) = (true, None);
@@ -216,7 +217,7 @@ impl Topics {
         }
     }
 
-    fn note_estimate(&mut self, estimate: &payload::Estimate, receipt_ns: u64) {
+    fn note_estimate(&mut self, estimate: &Estimate, receipt_ns: u64) {
         let restarts = self.estimates.restarts;
         let missing = self.estimates.count(estimate.sequence);
         if self.estimates.restarts > restarts {
@@ -235,7 +236,7 @@ impl Topics {
         (self.told, self.is_away) = (Some(told), false);
         // The time of publication: several estimates may have the state of one instant.
         let stamp_ns = estimate.publish_stamp_ns;
-        self.estimate.log(self.clock, stamp_ns, receipt_ns, |_| estimate.into());
+        self.estimate.log(self.clock, stamp_ns, receipt_ns, |_| Recorded(*estimate));
         if let Some(motion) = Motion::estimated(estimate) {
             let frame = &self.instance;
             let body = format!("{frame}/body");

@@ -51,7 +51,7 @@ fn each_estimate_is_a_line_across_a_killed_service() {
 fn one_status_as_text_and_as_a_document_and_so_many_lines() {
     let domain = TestDomain::new();
     let daemon = service(&domain, "--preset linear");
-    wait_until("the service", || domain.status().ticks > 0);
+    wait_until("the service", || domain.status().counters.ticks > 0);
     let text = monitor(&domain, &["--once"]).ok();
     for needed in ["vehicle", "DO NOT FLY ON THIS", "waiting: no sample yet", "LATENCY", "real time"] {
         assert!(text.contains(needed), "lacks '{needed}':\n{text}");

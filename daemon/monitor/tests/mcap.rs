@@ -245,7 +245,7 @@ fn a_public_reader_finds_in_a_recording_what_was_published() {
     let directory = tempfile::tempdir().unwrap();
     let file = directory.path().join("flight.mcap");
     let daemon = service(&domain, "--preset rigid-body");
-    wait_until("the service", || domain.status().ticks > 0);
+    wait_until("the service", || domain.status().counters.ticks > 0);
     let mut ears = Ears::of(&domain);
     let recording = recorder(&domain, &file, &[]);
     let mut flight = vehicle(&domain, "--rate-hz 50 --duration 4 --dropout-probability 0.05");
@@ -313,10 +313,10 @@ fn a_public_reader_finds_in_a_recording_what_was_published() {
     assert_heard(messages(topics, "/vehicle/estimate"), estimates, estimate);
     for status in messages(topics, "/vehicle/status") {
         let heard = &statuses[&status["sequence"].as_u64().unwrap()];
-        assert_eq!(status["samples_accepted"], heard.samples_accepted);
+        assert_eq!(status["samples_accepted"], heard.counters.samples_accepted);
         assert_eq!(status["step_ns"]["p99"], heard.step_ns.p99);
         assert_eq!(status["dead_zone_width"]["translation"], heard.dead_zone_width[0].to_bits());
-        assert_eq!(status["samples_rejected"]["older_stamp"], heard.samples_rejected[4]);
+        assert_eq!(status["samples_rejected"]["older_stamp"], heard.counters.samples_rejected[4]);
     }
     // The file says how its times were made of the stamps, and what is missing.
     let metadata = &found["metadata"];
@@ -348,7 +348,7 @@ fn a_recording_goes_on_across_a_killed_service_and_is_whole_without_its_end() {
     let directory = tempfile::tempdir().unwrap();
     let file = directory.path().join("flight.mcap");
     let daemon = service(&domain, "--preset rigid-body");
-    wait_until("the service", || domain.status().ticks > 0);
+    wait_until("the service", || domain.status().counters.ticks > 0);
     let mut ears = Ears::of(&domain);
     let recording = recorder(&domain, &file, &["--compression", "none"]);
     let flight = vehicle(&domain, "--rate-hz 50");
@@ -356,7 +356,7 @@ fn a_recording_goes_on_across_a_killed_service_and_is_whole_without_its_end() {
     daemon.kill();
     let _service = service(&domain, "--preset rigid-body");
     let n_before = ears.heard.measurements.len();
-    ears.listen(|| domain.status().ticks > 20);
+    ears.listen(|| domain.status().counters.ticks > 20);
     ears.listen_for(Duration::from_millis(1500));
     let killed_ns = monotonic_ns();
     recording.kill();
@@ -418,7 +418,7 @@ fn a_websocket_client_receives_the_live_stream() {
     let domain = TestDomain::new();
     let Some(python) = python("the WebSocket client") else { return };
     let daemon = service(&domain, "--preset rigid-body");
-    wait_until("the service", || domain.status().ticks > 0);
+    wait_until("the service", || domain.status().counters.ticks > 0);
     let mut ears = Ears::of(&domain);
     let flight = vehicle(&domain, "--rate-hz 50");
     let mut server = MONITOR.start(&domain, &["serve", "--listen", "127.0.0.1:0"]);
@@ -477,7 +477,7 @@ fn what_cannot_be_written_is_said() {
     assert_eq!(std::fs::read(&file).unwrap(), b"precious");
 
     let daemon = service(&domain, "--preset rigid-body");
-    wait_until("the service", || domain.status().ticks > 0);
+    wait_until("the service", || domain.status().counters.ticks > 0);
     // A full disk ends the recording, with the system's reason.
     let Ended { code, log, .. } = run(&["record", "/dev/full", "--force"]);
     assert_eq!((code, log.contains("No space left on device")), (Some(1), true), "{log}");

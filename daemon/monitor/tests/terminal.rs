@@ -132,7 +132,7 @@ fn keys_act_on_the_service() {
     let domain = TestDomain::new();
     let daemon = service(&domain, "--preset rigid-body --fresh");
     let flight = vehicle(&domain, "");
-    wait_until("samples", || domain.status().samples_accepted > 0);
+    wait_until("samples", || domain.status().counters.samples_accepted > 0);
     let Some(pane) = Pane::open(&domain, "", "--fps 20") else { return };
     pane.wait_for(&["TRACKING"]);
 
@@ -147,17 +147,17 @@ fn keys_act_on_the_service() {
     pane.wait_for(&["save: "]);
     wait_until("the snapshot", || domain.status().snapshots_saved > 0);
 
-    let commands = domain.status().commands;
+    let commands = domain.status().counters.commands;
     pane.press("r");
     pane.wait_for(&["Forget the state and all that was learned?"]);
     pane.press("n");
     pane.wait_for(&["nothing was reset"]);
-    assert_eq!(domain.status().commands, commands);
+    assert_eq!(domain.status().counters.commands, commands);
     pane.press("r");
     pane.wait_for(&["Forget the state and all that was learned?"]);
     pane.press("y");
     pane.wait_for(&["reset: state and learned weights forgotten"]);
-    assert_eq!(domain.status().commands, commands + 1);
+    assert_eq!(domain.status().counters.commands, commands + 1);
 
     pane.press("?");
     pane.wait_for(&["the dead zone's output"]);

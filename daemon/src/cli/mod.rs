@@ -381,11 +381,11 @@ fn run(
     let status = service.stop();
     say!(
         "stopped after {} ticks; samples: {} used, {} lost, {} rejected; {} deadlines missed",
-        status.ticks,
-        status.samples_accepted,
-        status.samples_lost,
-        status.samples_rejected_total(),
-        status.deadline_misses
+        status.counters.ticks,
+        status.counters.samples_accepted,
+        status.counters.samples_lost,
+        status.counters.samples_rejected_total(),
+        status.counters.deadline_misses
     );
     Ok(())
 }
@@ -508,8 +508,8 @@ fn print_refused(status: &Status, text: &str) {
 /// The status with the reasons of rejection and the real-time settings by name.
 fn status_document(status: &Status) -> serde_json::Result<serde_json::Value> {
     let mut document = serde_json::to_value(status)?;
-    let reasons =
-        Rejection::ALL.map(|reason| (reason.words().replace(' ', "_"), status.rejected(reason).into()));
+    let reasons = Rejection::ALL
+        .map(|reason| (reason.words().replace(' ', "_"), status.counters.rejected(reason).into()));
     document["samples_rejected"] = serde_json::Value::Object(reasons.into_iter().collect());
     let refused = refused_bits(status)
         .map(|bit| serde_json::json!({ "setting": real_time::words(bit).join(" "), "remedy": settings::remedy(bit) }));
@@ -528,8 +528,8 @@ fn print_status(status: &Status) {
     };
     let rejected: Vec<_> = Rejection::ALL
         .into_iter()
-        .filter(|&reason| status.rejected(reason) > 0)
-        .map(|reason| format!("{} {}", status.rejected(reason), reason.words()))
+        .filter(|&reason| status.counters.rejected(reason) > 0)
+        .map(|reason| format!("{} {}", status.counters.rejected(reason), reason.words()))
         .collect();
     let source = |pid: u64| if pid == 0 { "none".into() } else { format!("process {pid}") };
     let mut facts = Table::new();
@@ -539,9 +539,12 @@ fn print_status(status: &Status) {
     };
     fact("running for", format!("{:.1} s", seconds(status.stamp_ns - status.start_stamp_ns)));
     fact("rate", format!("{} Hz", status.rate_millihertz as f64 / 1e3));
-    fact("ticks", format!("{}, {} deadlines missed", status.ticks, status.deadline_misses));
+    fact("ticks", format!("{}, {} deadlines missed", status.counters.ticks, status.counters.deadline_misses));
     fact("newest sample", format!("sequence {}, {age}", status.newest_sequence));
-    fact("samples", format!("{} used, {} lost", status.samples_accepted, status.samples_lost));
+    fact(
+        "samples",
+        format!("{} used, {} lost", status.counters.samples_accepted, status.counters.samples_lost),
+    );
     fact("rejected", if rejected.is_empty() { "0".into() } else { rejected.join("; ") });
     fact("source", format!("{}; another: {}", source(status.source_pid), source(status.other_source_pid)));
     fact("adaptation", if status.adaptation_frozen == 1 { "frozen".into() } else { "on".into() });
@@ -549,12 +552,12 @@ fn print_status(status: &Status) {
     let refused = if refused.is_empty() { "nothing".into() } else { refused };
     let granted = real_time::words(status.real_time_granted).join(", ");
     fact("real time", format!("granted: {granted}; refused: {refused}"));
-    fact("coasting", format!("{} ticks", status.ticks_coasting));
-    fact("clamped", format!("{} ticks", status.ticks_clamped));
-    fact("state resets", status.state_resets.to_string());
-    let [v, w, y] = status.outputs_held_back;
+    fact("coasting", format!("{} ticks", status.counters.ticks_coasting));
+    fact("clamped", format!("{} ticks", status.counters.ticks_clamped));
+    fact("state resets", status.counters.state_resets.to_string());
+    let [v, w, y] = status.counters.outputs_held_back;
     fact("held back", format!("{v} velocities, {w} angular velocities, {y} outputs that stand out"));
-    let [v, w, y] = status.outputs_stuck;
+    let [v, w, y] = status.counters.outputs_stuck;
     fact("stuck", format!("{v} velocities, {w} angular velocities, {y} outputs"));
     fact(
         "late ticks",
@@ -562,8 +565,8 @@ fn print_status(status: &Status) {
             "{} in a row now, {} at most; {} predicted only, {} invalid",
             status.late_ticks_in_a_row,
             status.most_late_ticks_in_a_row,
-            status.ticks_predict_only,
-            status.ticks_invalid
+            status.counters.ticks_predict_only,
+            status.counters.ticks_invalid
         ),
     );
     let restored = match status.snapshot_restored {
@@ -579,7 +582,7 @@ fn print_status(status: &Status) {
     fact("snapshots", format!("{} saved, {failed} failed, {newest}; {restored}", status.snapshots_saved));
     fact(
         "flight record",
-        format!("{} ticks, {} not recorded", status.ticks_recorded, status.ticks_not_recorded),
+        format!("{} ticks, {} not recorded", status.ticks_recorded, status.counters.ticks_not_recorded),
     );
     outln!("{facts}\n");
 

@@ -66,7 +66,7 @@ impl ServiceManager {
         };
         tell(&[NotifyState::Status(&format!(
             "{} ticks, {} deadlines missed; {sample}",
-            status.ticks, status.deadline_misses
+            status.counters.ticks, status.counters.deadline_misses
         ))]);
     }
 }

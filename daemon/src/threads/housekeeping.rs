@@ -12,7 +12,7 @@ use crate::system::settings::Outcome;
 use crate::threads::recorder::RecorderProgress;
 use hdrhistogram::Histogram;
 use shared_types::clock::monotonic_ns;
-use shared_types::payload::{LatencySummary, Rejection, Reply, Status, command, outcome};
+use shared_types::payload::{Counters, LatencySummary, Rejection, Reply, Status, command, outcome};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, OnceLock, mpsc};
 use std::time::{Duration, Instant};
@@ -154,6 +154,7 @@ impl Attendant {
             start_stamp_ns: self.start_ns,
             rate_millihertz: self.rate_millihertz,
             dead_zone_width: self.dead_zone_width,
+            counters: self.newest.map_or_else(Counters::default, |record| record.counters),
             newest_sample_age_ns: u64::MAX,
             wake_up_lateness_ns: self.wake_up_lateness.summary(),
             step_ns: self.step.summary(),
@@ -171,31 +172,14 @@ impl Attendant {
         }
         if let Some(progress) = &self.rings.record_progress {
             status.ticks_recorded = read(&progress.written);
-            status.ticks_not_recorded = read(&progress.failed);
+            status.counters.ticks_not_recorded += read(&progress.failed);
         }
         if let Some(outcome) = self.real_time.get() {
             status.real_time_requested = outcome.requested;
             status.real_time_granted = outcome.granted;
         }
         let Some(record) = &self.newest else { return status };
-        let counters = &record.counters;
-        status.ticks = counters.ticks;
-        status.deadline_misses = counters.deadline_misses;
-        status.samples_accepted = counters.samples_accepted;
-        status.samples_lost = counters.samples_lost;
-        status.samples_rejected = counters.samples_rejected;
-        status.ticks_coasting = counters.ticks_coasting;
-        status.ticks_clamped = counters.ticks_clamped;
-        status.state_resets = counters.state_resets;
-        status.source_changes = counters.source_changes;
-        status.commands = counters.commands;
-        status.records_dropped = counters.records_dropped;
-        status.outputs_held_back = counters.outputs_held_back;
-        status.outputs_stuck = counters.outputs_stuck;
         status.late_ticks_in_a_row = record.late_ticks_in_a_row;
-        status.ticks_predict_only = counters.ticks_predict_only;
-        status.ticks_invalid = counters.ticks_invalid;
-        status.ticks_not_recorded += counters.ticks_not_recorded;
         status.newest_sequence = record.newest_sequence;
         if let Some(stamp_ns) = record.newest_stamp_ns {
             status.newest_sample_age_ns = status.stamp_ns.saturating_sub(stamp_ns);

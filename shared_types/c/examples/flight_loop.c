@@ -121,7 +121,7 @@ int main(int argc, char **argv)
     printf("velocity %.3f %.3f %.3f m/s, unknown force %.2f %.2f %.2f N\n", estimate.velocity_m_s[0],
            estimate.velocity_m_s[1], estimate.velocity_m_s[2], estimate.matched_force_n[0],
            estimate.matched_force_n[1], estimate.matched_force_n[2]);
-    printf("service: %" PRIu64 " samples used, outcome %" PRIu32 "%s%s\n", reply.status.samples_accepted,
+    printf("service: %" PRIu64 " samples used, outcome %" PRIu32 "%s%s\n", reply.status.counters.samples_accepted,
            reply.outcome, text[0] ? ": " : "", text);
     if (observer_close(client) < 0)
         return fail("close");

@@ -80,7 +80,7 @@ static void fly(std::uint64_t samples, double rate_hz, Seconds patience)
                 newest.velocity_m_s[1], newest.velocity_m_s[2], newest.matched_force_n[0], newest.matched_force_n[1],
                 newest.matched_force_n[2]);
     std::printf("service: %llu samples used, outcome %u%s%s\n",
-                static_cast<unsigned long long>(reply.status.samples_accepted), reply.outcome,
+                static_cast<unsigned long long>(reply.status.counters.samples_accepted), reply.outcome,
                 reply.text.empty() ? "" : ": ", reply.text.c_str());
 }
 

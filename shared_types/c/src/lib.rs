@@ -1,8 +1,7 @@
 //! The vehicle's side for C and C++: [`shared_types::Client`] behind functions that C can call.
 //!
-//! `include/observer_client.h` is made from this file and from `shared_types::payload` by
-//! `cargo test -p observer_client`, which fails where the checked-in one differs; `include/observer_client.hpp`
-//! wraps it for C++17.
+//! `include/observer_client.h` is made from this file and from the tables of `shared_types::payload`; a test fails where
+//! the checked-in one differs (`tests/generated`). `include/observer_client.hpp` wraps it for C++17.
 //!
 //! A handle is no pointer: it is looked up in a table of the calling thread. So one that was closed, or that
 //! another thread opened, is found out at the price of one comparison, and no call ever follows a bad one.
@@ -32,7 +31,7 @@ pub mod layout;
 pub enum CallResult {
     /// Done.
     Ok = 0,
-    /// No failure, but there is nothing: nothing to take, nothing published yet, nobody who listens.
+    /// No failure, but there is nothing: nothing to take, nothing published yet, no reader.
     Nothing = 1,
     /// An argument cannot be: null, not aligned, no text, not finite, another header, a port not asked for.
     BadArgument = -1,
@@ -62,18 +61,20 @@ pub struct Handle {
     pub number: u32,
 }
 
-/// What a handle is opened for: bits of `ports` in observer_open().
-pub mod ports {
-    /// observer_publish(): a source. An instance has 8 places for sources.
-    pub const PUBLISH: u32 = 1 << 0;
-    /// observer_take() and observer_wait(): a queue of 256 estimates. An instance has 32 places for readers of estimates.
-    pub const TAKE: u32 = 1 << 1;
-    /// observer_peek(): the newest estimate. It takes a place for a reader of estimates, too.
-    pub const PEEK: u32 = 1 << 2;
-    /// observer_read_status(): the newest status. An instance has 32 places for readers of it.
-    pub const STATUS: u32 = 1 << 3;
-    /// All of these.
-    pub const ALL: u32 = (1 << 4) - 1;
+shared_types::constants! {
+    /// What a handle is opened for: bits of `ports` in observer_open().
+    pub mod ports: u32 {
+        /// observer_publish(): a source. An instance has 8 places for sources.
+        PUBLISH = 1 << 0;
+        /// observer_take() and observer_wait(): a queue of 256 estimates. An instance has 32 places for readers of estimates.
+        TAKE = 1 << 1;
+        /// observer_peek(): the newest estimate. It takes a place for a reader of estimates, too.
+        PEEK = 1 << 2;
+        /// observer_read_status(): the newest status. An instance has 32 places for readers of it.
+        STATUS = 1 << 3;
+        /// All of these.
+        ALL = (1 << 4) - 1;
+    }
 }
 
 /// A failed call: what C sees, and what the text says.
@@ -216,7 +217,7 @@ fn usable<T>(pointer: *const T, name: &str) -> Result<(), Failure> {
 /// What the caller lends.
 ///
 /// # Safety
-/// `pointer`, if neither null nor misaligned, points to a value that nobody changes during the call.
+/// `pointer`, if neither null nor misaligned, points to a value that no thread changes during the call.
 unsafe fn input<'a, T>(pointer: *const T, name: &str) -> Result<&'a T, Failure> {
     usable(pointer, name)?;
     // SAFETY: neither null nor misaligned; the rest is the caller's promise.
@@ -226,7 +227,7 @@ unsafe fn input<'a, T>(pointer: *const T, name: &str) -> Result<&'a T, Failure> 
 /// Where the caller wants a result; what is there now may be anything.
 ///
 /// # Safety
-/// `pointer`, if neither null nor misaligned, points to memory of a `T` that nobody else uses during the call.
+/// `pointer`, if neither null nor misaligned, points to memory of a `T` that nothing else uses during the call.
 unsafe fn output<'a, T>(pointer: *mut T, name: &str) -> Result<&'a mut MaybeUninit<T>, Failure> {
     usable(pointer, name)?;
     // SAFETY: neither null nor misaligned; the rest is the caller's promise. No value is assumed to be there.

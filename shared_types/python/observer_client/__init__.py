@@ -21,12 +21,13 @@ Time stamps are CLOCK_MONOTONIC in nanoseconds: `time.monotonic_ns()`. Array fie
 
 from .domain import Domain
 from .errors import DomainError, Incompatible, NoDaemon, ObserverError, PortError, Refused, TimedOut
-from .payload import Channel, Command, Estimate, LatencySummary, Measurement, Reply, Status, Truth, status_bits
+from .payload import Channel, Command, Counters, Estimate, LatencySummary, Measurement, Reply, Status, Truth, status_bits
 from .vehicle import Stream, Vehicle
 
 __all__ = [
     "Channel",
     "Command",
+    "Counters",
     "Domain",
     "DomainError",
     "Estimate",

@@ -32,6 +32,12 @@ class Structure(ctypes.Structure):
     __hash__ = None
 
 
+def laid_out(cls):
+    """Makes the fields of a message from its annotations, in their order."""
+    cls._fields_ = [(name, getattr(hint, "__metadata__", (hint,))[0]) for name, hint in cls.__annotations__.items()]
+    return cls
+
+
 class _Array:
     """What a field of several numbers adds to a ctypes array: `field[0]`, `field[:]`, `len(field)` are ctypes' own."""
 
@@ -96,18 +102,8 @@ class EstimateStructure(Structure):
 
     def is_finite(self):
         """Whether every component of state and forces is a finite number."""
-        vectors = (
-            self.position_m,
-            self.velocity_m_s,
-            self.attitude_wxyz,
-            self.euler_rad,
-            self.angular_velocity_rad_s,
-            self.matched_force_n,
-            self.matched_torque_n_m,
-            self.state,
-            self.matched_input,
-        )
-        return all(math.isfinite(component) for vector in vectors for component in vector)
+        arrays = (getattr(self, name) for name, kind in self._fields_ if issubclass(kind, ctypes.Array))
+        return all(math.isfinite(component) for array in arrays for component in array)
 
 
 class StatusStructure(Structure):
@@ -117,7 +113,7 @@ class StatusStructure(Structure):
         """Samples rejected, by reason; reasons that never occurred are left out."""
         from .payload import REJECTION_WORDS
 
-        return {word: n for word, n in zip(REJECTION_WORDS, self.samples_rejected) if n}
+        return {word: n for word, n in zip(REJECTION_WORDS, self.counters.samples_rejected) if n}
 
 
 class ReplyStructure(Structure):

@@ -49,7 +49,7 @@ class Vehicle:
         self._sequence = 0
         self._publisher = None
         self._newest = None
-        # A stream that nobody holds any more gives its port back.
+        # A stream that is dropped gives its port back.
         self._streams = weakref.WeakSet()
         self._node = None
         with self.domain.making():
@@ -76,61 +76,33 @@ class Vehicle:
             self._publisher.delete()
         self._publisher = self._newest = self._node = None
 
-    def publish(
-        self,
-        *,
-        velocity_m_s=None,
-        body_velocity_m_s=None,
-        angular_velocity_rad_s=None,
-        position_m=None,
-        attitude_wxyz=None,
-        force_n=None,
-        torque_n_m=None,
-        output=None,
-        input=None,  # the plant's u; not the built-in function
-        stamp_ns=None,
-        sequence=None,
-    ):
+    def publish(self, *, stamp_ns=None, sequence=None, body_velocity_m_s=None, **readings):
         """Sends one sample: sensor readings, and commands that are held until the next ones. Returns its sequence.
-
-        | argument | unit | axes |
-        |---|---|---|
-        | velocity_m_s | m/s | inertial |
-        | body_velocity_m_s, instead | m/s | body, as of a Doppler log |
-        | angular_velocity_rad_s | rad/s | body |
-        | position_m | m | inertial |
-        | attitude_wxyz | unit quaternion | body to inertial |
-        | force_n, commanded | N | inertial |
-        | torque_n_m, commanded | N·m | body |
-        | output, input: up to 6 numbers | of a general linear plant's configuration | |
 
         `stamp_ns` is when the readings were taken, on the clock of `time.monotonic_ns()`, which is also the default;
         `sequence` counts by itself, a gap means loss. Never blocks: where the service is slow or away, the oldest
         sample is dropped.
 
         Raises ObserverError where an argument has another shape, or none is given.
+
+        Readings, in SI units:
+
+        body_velocity_m_s: instead of velocity_m_s, along the body axes, as of a Doppler log.
         """
         sample = Measurement(
             sequence=self._sequence if sequence is None else sequence,
             stamp_ns=time.monotonic_ns() if stamp_ns is None else stamp_ns,
         )
-        if velocity_m_s is not None and body_velocity_m_s is not None:
-            raise ObserverError("velocity_m_s and body_velocity_m_s: needed: one of the two")
         if body_velocity_m_s is not None:
-            velocity_m_s, sample.velocity_frame = body_velocity_m_s, payload.frame.BODY
-        for name, value, bit in (
-            ("velocity_m_s", velocity_m_s, payload.valid.VELOCITY),
-            ("angular_velocity_rad_s", angular_velocity_rad_s, payload.valid.ANGULAR_VELOCITY),
-            ("position_m", position_m, payload.valid.POSITION),
-            ("attitude_wxyz", attitude_wxyz, payload.valid.ATTITUDE),
-            ("force_n", force_n, payload.valid.FORCE),
-            ("torque_n_m", torque_n_m, payload.valid.TORQUE),
-            ("output", output, payload.valid.OUTPUT),
-            ("input", input, payload.valid.INPUT),
-        ):
+            if readings.get("velocity_m_s") is not None:
+                raise ObserverError("velocity_m_s and body_velocity_m_s: needed: one of the two")
+            readings["velocity_m_s"], sample.velocity_frame = body_velocity_m_s, payload.frame.BODY
+        for name, value in readings.items():
+            if name not in payload.READINGS:
+                raise TypeError(f"publish() has no argument '{name}'; needed: one of {', '.join(payload.READINGS)}")
             if value is not None:
                 _fill(getattr(sample, name), name, value)
-                sample.valid |= bit
+                sample.valid |= payload.READINGS[name][0]
         if not sample.valid:
             raise ObserverError("a sample without any reading; needed: one of velocity_m_s=..., output=... (help(Vehicle.publish))")
         if self._publisher is None:
@@ -262,6 +234,9 @@ class Vehicle:
                 return make()
             except Exception as cause:
                 raise _port_error(action, cause) from cause
+
+
+Vehicle.publish.__doc__ += "".join(f"\n        {name}: {doc}" for name, (_, doc) in payload.READINGS.items())
 
 
 class Stream:

@@ -51,8 +51,8 @@ def test_a_table_is_streamed_and_the_estimates_written(service, tmp_path):
     assert int(rows[-1]["source_sequence"]) == 399
     with Vehicle(root=service.root, patience_s=PATIENCE_S) as vehicle:
         status = vehicle.status()
-        assert status.samples_accepted + sum(status.samples_rejected) == 400
-        assert status.samples_accepted > 300
+        assert status.counters.samples_accepted + sum(status.counters.samples_rejected) == 400
+        assert status.counters.samples_accepted > 300
 
 
 def test_tables_that_cannot_be_played_are_refused_with_the_reason(service_to_start, tmp_path):

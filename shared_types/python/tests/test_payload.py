@@ -17,7 +17,7 @@ def rust_type(field_type):
 
 
 def test_every_message_has_the_layout_of_the_rust_type(facts):
-    assert len(facts["layout"]) == 8
+    assert len(facts["layout"]) == 9
     for rust in facts["layout"]:
         message = getattr(payload, rust["name"])
         fields = []
@@ -59,7 +59,7 @@ def test_status_rejections_and_replies_in_words():
     assert estimate.words() == ["tracking", "frozen"]
     assert len(Estimate(status=2**64 - 1).words()) == 17
     status = Status()
-    status.samples_rejected[4] = 2
+    status.counters.samples_rejected[4] = 2
     assert status.rejected() == {"older stamp": 2}
     reply = Reply(message_bytes=5)
     reply.message[:6] = b"savedX"

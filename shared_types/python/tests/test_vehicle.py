@@ -85,13 +85,13 @@ def test_a_thousand_samples_go_in_and_each_comes_back_in_an_estimate(service):
         assert newest.source_sequence == received[-1][0].source_sequence
         assert newest.sequence >= received[-1][0].sequence
         status = vehicle.status()
-        assert (status.samples_accepted, status.samples_lost) == (len(received), 0)
+        assert (status.counters.samples_accepted, status.counters.samples_lost) == (len(received), 0)
         assert sum(status.rejected().values()) == 1000 - len(received)
         assert set(status.rejected()) <= {"too far behind the clock", "the loop was late"}
         assert status.source_pid == os.getpid()
-        assert status.ticks >= newest.sequence
+        assert status.counters.ticks >= newest.sequence
         # A reader of its own sees the same.
-        assert next(vehicle.statuses(timeout_s=PATIENCE_S)).samples_accepted <= 1000
+        assert next(vehicle.statuses(timeout_s=PATIENCE_S)).counters.samples_accepted <= 1000
     service.end()
     assert not os.path.exists(service.root), "the last one to go leaves nothing"
     assert [n for n in os.listdir("/dev/shm") if n.startswith(Domain(service.root).prefix)] == []
@@ -250,9 +250,9 @@ def test_commands_are_carried_out_and_answered(service, tmp_path):
         while "frozen" not in next(estimates).words():
             pass
         assert vehicle.command("thaw").status.adaptation_frozen == 0
-        n_commands = vehicle.status().commands
+        n_commands = vehicle.status().counters.commands
         assert vehicle.command("reset").text()
-        assert vehicle.status().commands == n_commands + 1
+        assert vehicle.status().counters.commands == n_commands + 1
         saved = vehicle.command("save")
         assert saved.status.snapshots_saved >= 1 and list((tmp_path / "state").iterdir())
         assert vehicle.command("status").text().startswith("running")
@@ -333,7 +333,7 @@ def test_an_interrupt_ends_a_waiting_reader_and_nothing_else(service):
     assert reader.communicate(timeout=PATIENCE_S)[0] == "interrupted\n"
     assert reader.returncode == 0
     with service.vehicle() as vehicle:
-        assert vehicle.status().ticks > 0
+        assert vehicle.status().counters.ticks > 0
 
 
 def test_a_killed_vehicle_may_simply_be_started_again(service):

@@ -3,7 +3,9 @@
 use crate::sensors::{Schedule, SensorSuite, Span};
 use crate::simulation::SimulationOptions;
 use serde::Deserialize;
+use shared_types::Measurement;
 use shared_types::payload::valid;
+use shared_types::table::Field as TableField;
 use std::collections::BTreeMap;
 use std::fmt;
 use std::path::Path;
@@ -77,56 +79,48 @@ pub enum Kind {
     ServiceKill,
 }
 
-/// Which part of a sample.
+/// Which part of a sample: all that is measured, or one field of the table of [`Measurement`]; commands are not.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Field {
-    /// All that is measured; commands are not.
-    All,
-    /// Velocity.
-    Velocity,
-    /// Angular velocity.
-    AngularVelocity,
-    /// Position fixes.
-    Position,
-    /// Attitude.
-    Attitude,
+pub struct Field {
+    /// Bits of [`valid`].
+    pub(super) bits: u32,
 }
 
 impl Field {
-    const NAMES: [(&str, Self); 5] = [
-        ("all", Self::All),
-        ("velocity", Self::Velocity),
-        ("angular-velocity", Self::AngularVelocity),
-        ("position", Self::Position),
-        ("attitude", Self::Attitude),
-    ];
+    /// Velocity.
+    pub const VELOCITY: Self = Self { bits: valid::VELOCITY };
+    /// All that is measured.
+    pub const ALL: Self = Self { bits: u32::MAX };
 
-    /// The name in a specification.
-    pub fn name(self) -> &'static str {
-        Self::NAMES.iter().find(|(_, field)| *field == self).expect("every field has a name").0
+    /// The fields that a fault may concern, each with its place in the table: readings along axes, and attitudes.
+    pub(super) fn places() -> impl Iterator<Item = (usize, &'static TableField, &'static str)> {
+        let of_sensors = Measurement::quantities()
+            .filter(|(_, field, quantity)| quantity.is_measured && !field.components.names.is_empty());
+        of_sensors.map(|(place, field, quantity)| (place, field, quantity.key))
     }
 
-    /// Its bits of [`valid`].
-    pub(super) fn bits(self) -> u32 {
-        match self {
-            Self::All => valid::VELOCITY | valid::ANGULAR_VELOCITY | valid::POSITION | valid::ATTITUDE,
-            Self::Velocity => valid::VELOCITY,
-            Self::AngularVelocity => valid::ANGULAR_VELOCITY,
-            Self::Position => valid::POSITION,
-            Self::Attitude => valid::ATTITUDE,
-        }
+    /// Every name in a specification.
+    fn named() -> impl Iterator<Item = (String, Self)> {
+        let fields =
+            Self::places().map(|(_, field, key)| (key.replace('_', "-"), Self { bits: field.valid }));
+        std::iter::once(("all".into(), Self::ALL)).chain(fields)
+    }
+
+    /// The name in a specification.
+    pub fn name(self) -> String {
+        Self::named().find(|(_, field)| *field == self).map_or_else(String::new, |(name, _)| name)
     }
 
     /// Whether samples of these sensors ever carry it, again and again.
     fn is_measured(self, sensors: &SensorSuite, fixes: bool) -> bool {
-        match self {
-            Self::All => true,
-            Self::Velocity => sensors.velocity.exists(),
-            Self::AngularVelocity => sensors.angular_velocity.exists(),
-            Self::Position => {
+        match self.bits {
+            valid::VELOCITY => sensors.velocity.exists(),
+            valid::ANGULAR_VELOCITY => sensors.angular_velocity.exists(),
+            valid::POSITION => {
                 fixes || !matches!(sensors.position.schedule, Schedule::Never | Schedule::Start)
             }
-            Self::Attitude => sensors.attitude.exists(),
+            valid::ATTITUDE => sensors.attitude.exists(),
+            _ => self == Self::ALL,
         }
     }
 }
@@ -136,7 +130,7 @@ impl Field {
 pub struct Fault {
     /// What goes wrong.
     pub kind: Kind,
-    /// Of which field; `All` where whole samples or a process are concerned.
+    /// Of which field; `ALL` where whole samples or a process are concerned.
     pub field: Field,
     /// When, after the start of the run.
     pub span: Span,
@@ -198,9 +192,10 @@ pub fn help() -> String {
     for Words { example, does, .. } in &KINDS {
         text.push_str(&format!("  {example}\n      {does}\n"));
     }
+    let fields: Vec<_> = Field::named().map(|(name, _)| name).collect();
+    text.push_str(&format!("FIELD: {} [default:\n", fields.join(", ")));
     text.push_str(
-        "FIELD: velocity, angular-velocity, position, attitude or all [default: all;\n\
-         of spike, bias and drift: velocity]. size and per_s are norms in the field's\n\
+        "all; of spike, bias and drift: velocity]. size and per_s are norms in the field's\n\
          unit, m/s, rad/s, m or rad (per second); numbers in [] are defaults.",
     );
     text
@@ -297,11 +292,11 @@ impl Written {
             return Err(self.wrong(format!("kind '{name}'"), format!("one of {}", names.join(", "))));
         };
         self.example = kind.example;
-        const LONGEST_S: f64 = 1e6;
+        const MAX_S: f64 = 1e6;
         let start_s =
-            self.number("start_s", None, |s| (0.0..=LONGEST_S).contains(&s), "the start in s, from 0")?;
+            self.number("start_s", None, |s| (0.0..=MAX_S).contains(&s), "the start in s, from 0")?;
         let length_s =
-            self.number("length_s", None, |s| s > 0.0 && s <= LONGEST_S, "the length in s, above 0")?;
+            self.number("length_s", None, |s| s > 0.0 && s <= MAX_S, "the length in s, above 0")?;
         const UNIT: &str = "in the field's unit, above 0";
         let kind = match name.as_str() {
             "drop" => {
@@ -338,9 +333,9 @@ impl Written {
         let field = match self.word("field")? {
             None => kind.default_field(),
             Some(word) if kind.concerns_fields() => {
-                let found = Field::NAMES.iter().find(|(name, _)| *name == word);
-                let names = Field::NAMES.map(|(name, _)| name).join(", ");
-                found.ok_or_else(|| self.wrong(format!("field '{word}'"), format!("one of {names}")))?.1
+                let found = Field::named().find(|(name, _)| *name == word);
+                let names = || Field::named().map(|(name, _)| name).collect::<Vec<_>>().join(", ");
+                found.ok_or_else(|| self.wrong(format!("field '{word}'"), format!("one of {}", names())))?.1
             }
             Some(word) => {
                 let needed = format!("no field: {name} concerns whole samples, or a process");
@@ -396,7 +391,7 @@ impl Kind {
     }
 
     fn default_field(&self) -> Field {
-        if self.has_size() { Field::Velocity } else { Field::All }
+        if self.has_size() { Field::VELOCITY } else { Field::ALL }
     }
 }
 
@@ -519,8 +514,8 @@ pub fn check_faults(faults: &[Fault], options: &SimulationOptions) -> Result<(),
         if !fault.field.is_measured(&sensors, options.position_fix_hz.is_some()) {
             let (scenario, field) = (options.scenario.name(), fault.field.name());
             let found = format!("scenario '{scenario}' does not measure {field} again and again");
-            let needed = match fault.field {
-                Field::Position => "--position-fix-hz, or another field",
+            let needed = match fault.field.bits {
+                valid::POSITION => "--position-fix-hz, or another field",
                 _ => "another field, or another --scenario",
             };
             return wrong(fault, found, needed);
@@ -568,9 +563,9 @@ pub(super) mod tests {
                 _ => Kind::ServiceKill,
             },
         );
-        (kind, 0..Field::NAMES.len(), 0.0..4.0f64, 0.01..2.0f64).prop_map(
+        (kind, 0..Field::named().count(), 0.0..4.0f64, 0.01..2.0f64).prop_map(
             |(kind, field, start_s, length_s)| Fault {
-                field: if kind.concerns_fields() { Field::NAMES[field].1 } else { Field::All },
+                field: if kind.concerns_fields() { Field::named().nth(field).unwrap().1 } else { Field::ALL },
                 kind,
                 span: Span { start_s, length_s },
             },

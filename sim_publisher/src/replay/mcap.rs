@@ -5,7 +5,6 @@
 //! the names are the same. A file without its end, of a recorder that was killed, is read up to there.
 
 use super::{Collector, CsvMap, ImportError, RecordedFlight, SkipReason, TimeUnit, table};
-use daemon::gate::LARGEST_GAP;
 use mcap::read::ChannelAccumulator;
 use mcap::records::{MessageHeader, Record};
 use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReader, LinearReaderOptions};
@@ -14,7 +13,7 @@ use prost_reflect::prost::Message as _;
 use prost_reflect::prost_types::{FileDescriptorProto, FileDescriptorSet};
 use prost_reflect::{DescriptorPool, DynamicMessage, MessageDescriptor, ReflectMessage, Value};
 use shared_types::Measurement;
-use shared_types::payload::valid;
+use shared_types::payload::MAX_SEQUENCE_GAP;
 use std::collections::{BTreeMap, BTreeSet};
 
 /// The schema that `monitor record` gives to measurements.
@@ -202,38 +201,28 @@ impl Flight {
             // Losses stay losses, where the source has not begun again and the number is not damaged.
             let next = previous.map_or(0, |previous| previous + 1);
             let since_first = sample.sequence.saturating_sub(self.first_sequence).max(next);
-            added.sequence = if since_first - next > LARGEST_GAP { next } else { since_first };
+            added.sequence = if since_first - next > MAX_SEQUENCE_GAP { next } else { since_first };
         }
     }
 }
 
 /// A sample from its message; `None` where a field is not what it was.
 fn measurement(message: &DynamicMessage) -> Option<Measurement> {
-    let axes = ["x", "y", "z"];
     let mut sample = Measurement::at(unsigned(message, "stamp_ns")?, unsigned(message, "sequence")?);
-    sample.valid = u32::try_from(unsigned(message, "valid")?).ok()?;
+    let valid = u32::try_from(unsigned(message, "valid")?).ok()?;
     sample.velocity_frame = u32::try_from(unsigned(message, "velocity_frame")?).ok()?;
-    for (bit, field, place) in [
-        (valid::VELOCITY, "velocity_m_s", &mut sample.velocity_m_s),
-        (valid::ANGULAR_VELOCITY, "angular_velocity_rad_s", &mut sample.angular_velocity_rad_s),
-        (valid::POSITION, "position_m", &mut sample.position_m),
-        (valid::FORCE, "force_n", &mut sample.force_n),
-        (valid::TORQUE, "torque_n_m", &mut sample.torque_n_m),
-    ] {
-        if sample.valid & bit != 0 {
-            *place = components(message, field, axes)?;
+    for (place, field, _) in Measurement::quantities().filter(|(_, field, _)| valid & field.valid != 0) {
+        let name = field.name.strip_suffix("_wxyz").unwrap_or(field.name);
+        let numbers = match field.components.names {
+            [] => numbers(message, name)?,
+            names => components(message, name, names)?,
+        };
+        if numbers.len() != sample.numbers(place).len() {
+            return None;
         }
+        sample.set(place, &numbers);
     }
-    if sample.has(valid::ATTITUDE) {
-        sample.attitude_wxyz = components(message, "attitude", ["w", "x", "y", "z"])?;
-    }
-    for (bit, field, place) in
-        [(valid::OUTPUT, "output", &mut sample.output), (valid::INPUT, "input", &mut sample.input)]
-    {
-        if sample.valid & bit != 0 {
-            *place = numbers(message, field)?;
-        }
-    }
+    sample.valid = valid;
     Some(sample)
 }
 
@@ -247,34 +236,13 @@ struct Place<'a> {
 
 /// A flight from numbers of any channels: a table, with a row for each instant at which one was logged.
 fn channels(bytes: &[u8], name: &str, map: &CsvMap) -> Result<RecordedFlight, ImportError> {
-    let columns = [
-        &map.velocity_x,
-        &map.velocity_y,
-        &map.velocity_z,
-        &map.angular_velocity_x,
-        &map.angular_velocity_y,
-        &map.angular_velocity_z,
-        &map.position_x,
-        &map.position_y,
-        &map.position_z,
-        &map.attitude_w,
-        &map.attitude_x,
-        &map.attitude_y,
-        &map.attitude_z,
-        &map.force_x,
-        &map.force_y,
-        &map.force_z,
-        &map.torque_x,
-        &map.torque_y,
-        &map.torque_z,
-    ];
     if map.time_s.is_some() || map.time.is_some() || map.separator.is_some() {
         return Err(ImportError::Option(
             "time and separator are for --format csv; an MCAP file has its own time".into(),
         ));
     }
     let mut places: Vec<Place<'_>> = Vec::new();
-    for column in columns.into_iter().flatten() {
+    for column in map.columns.values() {
         let (topic, path) = column.rsplit_once(':').ok_or_else(|| {
             ImportError::Option(format!("--column KEY={column}: needed: KEY=/topic:path.to.field"))
         })?;
@@ -411,24 +379,18 @@ fn unsigned(message: &DynamicMessage, field: &str) -> Option<u64> {
     }
 }
 
-fn components<const N: usize>(message: &DynamicMessage, field: &str, names: [&str; N]) -> Option<[f64; N]> {
+fn components(message: &DynamicMessage, field: &str, names: &[&str]) -> Option<Vec<f64>> {
     let descriptor = message.descriptor().get_field_by_name(field)?;
     if !message.has_field(&descriptor) {
         return None;
     }
     let value = message.get_field(&descriptor);
     let vector = value.as_message()?;
-    let mut components = [0.0; N];
-    for (component, name) in components.iter_mut().zip(names) {
-        *component = vector.get_field_by_name(name)?.as_f64()?;
-    }
-    Some(components)
+    names.iter().map(|name| vector.get_field_by_name(name)?.as_f64()).collect()
 }
 
-fn numbers<const N: usize>(message: &DynamicMessage, field: &str) -> Option<[f64; N]> {
-    let value = message.get_field_by_name(field)?;
-    let numbers: Option<Vec<f64>> = value.as_list()?.iter().map(Value::as_f64).collect();
-    numbers?.try_into().ok()
+fn numbers(message: &DynamicMessage, field: &str) -> Option<Vec<f64>> {
+    message.get_field_by_name(field)?.as_list()?.iter().map(Value::as_f64).collect()
 }
 
 /// What the reader found, for people.

@@ -13,7 +13,7 @@ pub use mcap::mcap_topics;
 pub use table::{CsvMap, MapError, TimeUnit, VelocityAxes, column_names, write_table};
 pub use ulog::{UlogContents, UlogScales, ulog_contents};
 
-use daemon::gate::QUATERNION_NORM_TOLERANCE;
+use shared_types::payload::QUATERNION_NORM_TOLERANCE;
 use shared_types::payload::valid;
 use shared_types::{Measurement, logln};
 use std::fmt;

@@ -3,14 +3,18 @@
 
 use super::{Collector, ImportError, RecordedFlight, SkipReason, parse_ns};
 use csv::ByteRecord;
-use serde::Deserialize;
+use serde::de::{Error as _, MapAccess, Visitor};
+use serde::{Deserialize, Deserializer, Serialize};
 use shared_types::Measurement;
 use shared_types::payload::{frame, valid};
+use shared_types::table::Field;
+use std::collections::BTreeMap;
+use std::fmt;
 use std::io::Write;
 use std::path::Path;
 
 /// Unit of the column `time`.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum TimeUnit {
     /// Seconds.
@@ -36,7 +40,7 @@ impl TimeUnit {
 }
 
 /// Axes of the columns `velocity_x` … `velocity_z`.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum VelocityAxes {
     /// Inertial axes.
@@ -46,18 +50,17 @@ pub enum VelocityAxes {
     Body,
 }
 
-const VELOCITY: [&str; 3] = ["velocity_x", "velocity_y", "velocity_z"];
 const BODY_VELOCITY: [&str; 3] = ["body_velocity_x", "body_velocity_y", "body_velocity_z"];
-const ANGULAR_VELOCITY: [&str; 3] = ["angular_velocity_x", "angular_velocity_y", "angular_velocity_z"];
-const POSITION: [&str; 3] = ["position_x", "position_y", "position_z"];
-const ATTITUDE: [&str; 4] = ["attitude_w", "attitude_x", "attitude_y", "attitude_z"];
-const FORCE: [&str; 3] = ["force_x", "force_y", "force_z"];
-const TORQUE: [&str; 3] = ["torque_x", "torque_y", "torque_z"];
+
+/// The fields of a measurement that a table may hold: place in the payload's table, and row.
+fn fields() -> impl Iterator<Item = (usize, &'static Field)> {
+    Measurement::quantities()
+        .filter(|(_, field, _)| !field.components.names.is_empty())
+        .map(|(place, field, _)| (place, field))
+}
 
 /// Which column holds what. All in SI units; a quantity has all of its components or none.
-#[derive(Debug, Clone, PartialEq, Default, Deserialize)]
-#[serde(deny_unknown_fields)]
-#[allow(missing_docs)] // one name of a column each, the quantity and unit as in `Measurement`
+#[derive(Debug, Clone, PartialEq, Default, Serialize)]
 pub struct CsvMap {
     /// Column of the time in seconds; or `time` and `time_unit`.
     pub time_s: Option<String>,
@@ -65,29 +68,63 @@ pub struct CsvMap {
     pub time: Option<String>,
     /// Unit of `time`: "s", "ms", "us" or "ns".
     pub time_unit: Option<TimeUnit>,
-    pub velocity_x: Option<String>,
-    pub velocity_y: Option<String>,
-    pub velocity_z: Option<String>,
     /// "inertial" (the default) or "body".
     pub velocity_frame: Option<VelocityAxes>,
-    pub angular_velocity_x: Option<String>,
-    pub angular_velocity_y: Option<String>,
-    pub angular_velocity_z: Option<String>,
-    pub position_x: Option<String>,
-    pub position_y: Option<String>,
-    pub position_z: Option<String>,
-    pub attitude_w: Option<String>,
-    pub attitude_x: Option<String>,
-    pub attitude_y: Option<String>,
-    pub attitude_z: Option<String>,
-    pub force_x: Option<String>,
-    pub force_y: Option<String>,
-    pub force_z: Option<String>,
-    pub torque_x: Option<String>,
-    pub torque_y: Option<String>,
-    pub torque_z: Option<String>,
     /// Between two values; ',' by default.
     pub separator: Option<char>,
+    /// Columns of the components of quantities, by key: `velocity_x`, …; see [`Field::columns`].
+    #[serde(flatten)]
+    pub columns: BTreeMap<String, String>,
+}
+
+impl<'de> Deserialize<'de> for CsvMap {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        deserializer.deserialize_map(MapVisitor)
+    }
+}
+
+/// A key of a map, known to be one: the reader tells the line of an unknown one.
+struct Key(String);
+
+impl<'de> Deserialize<'de> for Key {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        let key = String::deserialize(deserializer)?;
+        let others = ["time_s", "time", "time_unit", "velocity_frame", "separator"].map(String::from);
+        let known: Vec<String> =
+            others.into_iter().chain(fields().flat_map(|(_, field)| field.columns())).collect();
+        match known.contains(&key) {
+            true => Ok(Self(key)),
+            false => {
+                let known = known.join("`, `");
+                Err(D::Error::custom(format!("unknown field `{key}`, expected one of `{known}`")))
+            }
+        }
+    }
+}
+
+struct MapVisitor;
+
+impl<'de> Visitor<'de> for MapVisitor {
+    type Value = CsvMap;
+
+    fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("keys and names of columns")
+    }
+
+    fn visit_map<A: MapAccess<'de>>(self, mut pairs: A) -> Result<CsvMap, A::Error> {
+        let mut map = CsvMap::default();
+        while let Some(Key(key)) = pairs.next_key()? {
+            match key.as_str() {
+                "time_s" => map.time_s = Some(pairs.next_value()?),
+                "time" => map.time = Some(pairs.next_value()?),
+                "time_unit" => map.time_unit = Some(pairs.next_value()?),
+                "velocity_frame" => map.velocity_frame = Some(pairs.next_value()?),
+                "separator" => map.separator = Some(pairs.next_value()?),
+                _ => _ = map.columns.insert(key, pairs.next_value()?),
+            }
+        }
+        Ok(map)
+    }
 }
 
 /// Why a map of columns cannot be used.
@@ -171,22 +208,31 @@ impl CsvMap {
         if map.time.is_none() && map.time_s.is_none() && is_there("time_s") {
             map.time_s = Some("time_s".into());
         }
-        let named = map.velocity_x.is_some() || map.velocity_y.is_some() || map.velocity_z.is_some();
+        let velocity = ["velocity_x", "velocity_y", "velocity_z"];
+        let named = velocity.iter().any(|key| map.columns.contains_key(*key));
         if !named && map.velocity_frame.is_none() && BODY_VELOCITY.iter().any(|name| is_there(name)) {
-            [map.velocity_x, map.velocity_y, map.velocity_z] = BODY_VELOCITY.map(|name| Some(name.into()));
+            map.columns
+                .extend(velocity.into_iter().zip(BODY_VELOCITY).map(|(key, name)| (key.into(), name.into())));
             map.velocity_frame = Some(VelocityAxes::Body);
         }
-        macro_rules! take {
-            ($($key:ident)*) => {$(
-                if map.$key.is_none() && is_there(stringify!($key)) {
-                    map.$key = Some(stringify!($key).into());
-                }
-            )*};
+        for key in fields().flat_map(|(_, field)| field.columns()).filter(|key| is_there(key)) {
+            map.columns.entry(key.clone()).or_insert(key);
         }
-        take!(velocity_x velocity_y velocity_z angular_velocity_x angular_velocity_y angular_velocity_z);
-        take!(position_x position_y position_z attitude_w attitude_x attitude_y attitude_z);
-        take!(force_x force_y force_z torque_x torque_y torque_z);
         map
+    }
+
+    /// The columns of one field, or none.
+    fn columns_of(&self, field: &Field) -> Result<Option<Vec<&str>>, MapError> {
+        let (named, lacking): (Vec<_>, Vec<_>) =
+            field.columns().into_iter().partition(|key| self.columns.contains_key(key));
+        if named.is_empty() {
+            return Ok(None);
+        }
+        if !lacking.is_empty() {
+            let quantity = field.quantity.map_or(field.name, |quantity| quantity.key);
+            return Err(MapError::Partial { quantity, found: named.join(", "), lacking: lacking.join(", ") });
+        }
+        Ok(Some(named.iter().map(|key| self.columns[key].as_str()).collect()))
     }
 
     fn time(&self) -> Result<(&str, i128), MapError> {
@@ -209,32 +255,6 @@ impl CsvMap {
     }
 }
 
-/// The columns of one quantity, or none.
-fn columns<'a, const N: usize>(
-    quantity: &'static str,
-    names: [(&'static str, &'a Option<String>); N],
-) -> Result<Option<[&'a str; N]>, MapError> {
-    let listed = |named: bool| {
-        let keys = names.iter().filter(|(_, column)| column.is_some() == named);
-        keys.map(|(component, _)| format!("{quantity}_{component}")).collect::<Vec<_>>().join(", ")
-    };
-    let n_named = names.iter().filter(|(_, column)| column.is_some()).count();
-    if n_named == 0 {
-        return Ok(None);
-    }
-    if n_named < N {
-        return Err(MapError::Partial { quantity, found: listed(true), lacking: listed(false) });
-    }
-    Ok(Some(names.map(|(_, column)| column.as_deref().unwrap_or_default())))
-}
-
-fn three<'a>(
-    quantity: &'static str,
-    [x, y, z]: [&'a Option<String>; 3],
-) -> Result<Option<[&'a str; 3]>, MapError> {
-    columns(quantity, [("x", x), ("y", y), ("z", z)])
-}
-
 /// The names in the first line of a table.
 ///
 /// # Errors
@@ -249,13 +269,9 @@ pub fn column_names(bytes: &[u8], map: &CsvMap) -> Result<Vec<String>, MapError>
 struct Places {
     time: usize,
     ns_per_unit: i128,
-    velocity: Option<[usize; 3]>,
     velocity_axes: VelocityAxes,
-    angular_velocity: Option<[usize; 3]>,
-    position: Option<[usize; 3]>,
-    attitude: Option<[usize; 4]>,
-    force: Option<[usize; 3]>,
-    torque: Option<[usize; 3]>,
+    /// Of each field that has columns: its place in the payload's table, and theirs in the file.
+    fields: Vec<(usize, Vec<usize>)>,
 }
 
 impl Places {
@@ -269,69 +285,35 @@ impl Places {
                 found: names.join(", "),
             })
         };
-        fn all<const N: usize>(
-            columns: Option<[&str; N]>,
-            place_of: impl Fn(&str) -> Result<usize, ImportError>,
-        ) -> Result<Option<[usize; N]>, ImportError> {
-            let Some(columns) = columns else { return Ok(None) };
-            let mut places = [0; N];
-            for (place, column) in places.iter_mut().zip(columns) {
-                *place = place_of(column)?;
-            }
-            Ok(Some(places))
+        let map = &map.with_own_names(&names);
+        let (time, ns_per_unit) = map.time()?;
+        let mut columns = Vec::new();
+        for (place, field) in fields() {
+            columns.extend(map.columns_of(field)?.map(|columns| (place, field, columns)));
         }
-        let m = &map.with_own_names(&names);
-        let (time, ns_per_unit) = m.time()?;
-        let velocity = three("velocity", [&m.velocity_x, &m.velocity_y, &m.velocity_z])?;
-        let angular_velocity =
-            three("angular_velocity", [&m.angular_velocity_x, &m.angular_velocity_y, &m.angular_velocity_z])?;
-        if velocity.is_none() && angular_velocity.is_none() {
+        let is_rate = |field: &Field| field.valid & (valid::VELOCITY | valid::ANGULAR_VELOCITY) != 0;
+        if !columns.iter().any(|(_, field, _)| is_rate(field)) {
             return Err(MapError::NothingMeasured.into());
         }
-        let position = three("position", [&m.position_x, &m.position_y, &m.position_z])?;
-        let attitude = columns(
-            "attitude",
-            [("w", &m.attitude_w), ("x", &m.attitude_x), ("y", &m.attitude_y), ("z", &m.attitude_z)],
-        )?;
-        let force = three("force", [&m.force_x, &m.force_y, &m.force_z])?;
-        let torque = three("torque", [&m.torque_x, &m.torque_y, &m.torque_z])?;
-        Ok(Self {
-            time: place_of(time)?,
-            ns_per_unit,
-            velocity: all(velocity, place_of)?,
-            velocity_axes: m.velocity_frame.unwrap_or_default(),
-            angular_velocity: all(angular_velocity, place_of)?,
-            position: all(position, place_of)?,
-            attitude: all(attitude, place_of)?,
-            force: all(force, place_of)?,
-            torque: all(torque, place_of)?,
-        })
+        let time = place_of(time)?;
+        let found = columns.into_iter().map(|(place, _, columns)| {
+            Ok((place, columns.into_iter().map(place_of).collect::<Result<_, ImportError>>()?))
+        });
+        let velocity_axes = map.velocity_frame.unwrap_or_default();
+        Ok(Self { time, ns_per_unit, velocity_axes, fields: found.collect::<Result<_, ImportError>>()? })
     }
 
     /// Time and sample of a row; counts values that are given as not finite.
     fn read(&self, row: &Row<'_>, not_finite: &mut usize) -> Result<(i128, Measurement), SkipReason> {
         let time_ns = parse_ns(row.text(self.time)?, self.ns_per_unit).ok_or(SkipReason::NotANumber)?;
         let mut sample = Measurement::default();
-        if let Some(velocity) = row.values(self.velocity, not_finite)? {
-            sample = match self.velocity_axes {
-                VelocityAxes::Inertial => sample.with_velocity_m_s(velocity),
-                VelocityAxes::Body => sample.with_body_velocity_m_s(velocity),
-            };
+        for (place, columns) in &self.fields {
+            if let Some(numbers) = row.values(columns, not_finite)? {
+                sample.set(*place, &numbers);
+            }
         }
-        if let Some(angular_velocity) = row.values(self.angular_velocity, not_finite)? {
-            sample = sample.with_angular_velocity_rad_s(angular_velocity);
-        }
-        if let Some(position) = row.values(self.position, not_finite)? {
-            sample = sample.with_position_m(position);
-        }
-        if let Some(attitude) = row.values(self.attitude, not_finite)? {
-            sample = sample.with_attitude_wxyz(attitude);
-        }
-        if let Some(force) = row.values(self.force, not_finite)? {
-            sample = sample.with_force_n(force);
-        }
-        if let Some(torque) = row.values(self.torque, not_finite)? {
-            sample = sample.with_torque_n_m(torque);
+        if sample.has(valid::VELOCITY) && self.velocity_axes == VelocityAxes::Body {
+            sample.velocity_frame = frame::BODY;
         }
         Ok((time_ns, sample))
     }
@@ -345,27 +327,22 @@ impl Row<'_> {
         str::from_utf8(cell).map(str::trim).map_err(|_| SkipReason::NotANumber)
     }
 
-    /// The values of a quantity; `None` where it has no columns, or a cell is empty or not finite.
-    fn values<const N: usize>(
-        &self,
-        places: Option<[usize; N]>,
-        not_finite: &mut usize,
-    ) -> Result<Option<[f64; N]>, SkipReason> {
-        let Some(places) = places else { return Ok(None) };
-        let (mut values, mut complete) = ([0.0f64; N], true);
-        for (value, place) in values.iter_mut().zip(places) {
-            let text = self.text(place)?;
+    /// The values in these columns; `None` where a cell is empty or not finite.
+    fn values(&self, columns: &[usize], not_finite: &mut usize) -> Result<Option<Vec<f64>>, SkipReason> {
+        let mut values = Vec::with_capacity(columns.len());
+        for &column in columns {
+            let text = self.text(column)?;
             if text.is_empty() {
-                complete = false;
                 continue;
             }
-            *value = text.parse().map_err(|_| SkipReason::NotANumber)?;
-            if !value.is_finite() {
+            let value: f64 = text.parse().map_err(|_| SkipReason::NotANumber)?;
+            if value.is_finite() {
+                values.push(value);
+            } else {
                 *not_finite += 1;
-                complete = false;
             }
         }
-        Ok(complete.then_some(values))
+        Ok(Some(values).filter(|values| values.len() == columns.len()))
     }
 }
 
@@ -401,28 +378,20 @@ pub(super) fn parse(bytes: &[u8], path: &str, map: &CsvMap) -> Result<RecordedFl
 pub fn write_table(out: impl Write, samples: &[Measurement]) -> std::io::Result<()> {
     let any = samples.iter().fold(0, |any, sample| any | sample.valid);
     let is_body = samples.iter().any(|sample| sample.velocity_frame == frame::BODY);
-    let velocity = if is_body { BODY_VELOCITY } else { VELOCITY };
-    type Values = fn(&Measurement) -> &[f64];
-    let quantities: [(u32, &[&str], Values); 6] = [
-        (valid::VELOCITY, &velocity, |sample| &sample.velocity_m_s),
-        (valid::ANGULAR_VELOCITY, &ANGULAR_VELOCITY, |sample| &sample.angular_velocity_rad_s),
-        (valid::POSITION, &POSITION, |sample| &sample.position_m),
-        (valid::ATTITUDE, &ATTITUDE, |sample| &sample.attitude_wxyz),
-        (valid::FORCE, &FORCE, |sample| &sample.force_n),
-        (valid::TORQUE, &TORQUE, |sample| &sample.torque_n_m),
-    ];
-    let written: Vec<_> = quantities.into_iter().filter(|(bit, ..)| any & bit != 0).collect();
+    let written: Vec<_> = fields().filter(|(_, field)| any & field.valid != 0).collect();
     let mut writer = csv::Writer::from_writer(out);
-    let names = written.iter().flat_map(|(_, names, _)| names.iter().copied());
-    writer.write_record(std::iter::once("time_s").chain(names))?;
+    let names = written.iter().flat_map(|(_, field)| match field.valid {
+        valid::VELOCITY if is_body => BODY_VELOCITY.map(String::from).into(),
+        _ => field.columns(),
+    });
+    writer.write_record(std::iter::once("time_s".into()).chain(names))?;
     for sample in samples {
         let ns = sample.stamp_ns;
         let mut row = vec![format!("{}.{:09}", ns / 1_000_000_000, ns % 1_000_000_000)];
-        for (bit, names, values) in &written {
-            match sample.has(*bit) {
-                true => row.extend(values(sample).iter().map(f64::to_string)),
-                false => row.extend(names.iter().map(|_| String::new())),
-            }
+        for (place, field) in &written {
+            let number =
+                |number: &f64| if sample.has(field.valid) { number.to_string() } else { String::new() };
+            row.extend(sample.numbers(*place).iter().map(number));
         }
         writer.write_record(&row)?;
     }

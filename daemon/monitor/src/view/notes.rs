@@ -106,7 +106,7 @@ fn of_counters(model: &Model, status: &Status, note: &mut impl FnMut(Level, &'st
     let mut rejected: Vec<_> = model
         .rejections()
         .into_iter()
-        .map(|(reason, _)| (model.growth(|status| status.rejected(reason)), reason.words()))
+        .map(|(reason, _)| (model.growth(|status| status.counters.rejected(reason)), reason.words()))
         .filter(|&(count, _)| count > 0)
         .collect();
     rejected.sort_by_key(|&(count, _)| std::cmp::Reverse(count));
@@ -114,7 +114,7 @@ fn of_counters(model: &Model, status: &Status, note: &mut impl FnMut(Level, &'st
         let reasons: Vec<_> = rejected.iter().map(|(count, words)| format!("{count} {words}")).collect();
         note(Level::Caution, "rejected-sample", format!("in 10 s: {}", reasons.join(", ")));
     }
-    let lost = model.growth(|status| status.samples_lost);
+    let lost = model.growth(|status| status.counters.samples_lost);
     if lost > 0 {
         note(Level::Info, "lost", format!("{lost} samples never arrived in 10 s (gaps in their sequence)"));
     }
@@ -126,7 +126,7 @@ fn of_counters(model: &Model, status: &Status, note: &mut impl FnMut(Level, &'st
             format!("process {pid} publishes too and is refused; stop one of the two (input.source)"),
         );
     }
-    let missed = model.growth(|status| status.deadline_misses);
+    let missed = model.growth(|status| status.counters.deadline_misses);
     if missed > 0 && model.recent_bits() & (bits::LATE | bits::PREDICT_ONLY | bits::INVALID) == 0 {
         note(Level::Info, "deadlines", format!("{missed} missed in 10 s; see daemon doctor"));
     }
@@ -138,7 +138,7 @@ fn of_counters(model: &Model, status: &Status, note: &mut impl FnMut(Level, &'st
                 .into(),
         );
     }
-    let not_recorded = model.growth(|status| status.ticks_not_recorded);
+    let not_recorded = model.growth(|status| status.counters.ticks_not_recorded);
     if not_recorded > 0 {
         note(
             Level::Caution,

@@ -30,7 +30,7 @@ pub fn heading(model: &Model, theme: Theme, width: usize) -> Line<'static> {
             "  {} Hz  up {}  ticks {}",
             status.rate_millihertz as f64 / 1e3,
             running(status.stamp_ns.saturating_sub(status.start_stamp_ns)),
-            status.ticks
+            status.counters.ticks
         );
         if model.restarts > 0 {
             left += &format!("  restarts {}", model.restarts);
@@ -202,7 +202,7 @@ pub fn trust_lines(model: &Model, parts: &[Part], theme: Theme, width: usize) ->
 pub fn sample_lines(model: &Model, theme: Theme, width: usize, n_lines: usize) -> Vec<Line<'static>> {
     let title = Span::styled(format!("{:<LABEL$}", " SAMPLES"), theme.title());
     let Some(status) = &model.status else { return vec![Line::from(title)] };
-    let rate = model.growth_per_s(|status| status.samples_accepted);
+    let rate = model.growth_per_s(|status| status.counters.samples_accepted);
     let rate = rate.map_or(String::new(), |per_s| format!(" ({per_s:.0}/s)"));
     let by_part = |counts: [u64; 3]| {
         let total: u64 = counts.iter().sum();
@@ -215,11 +215,11 @@ pub fn sample_lines(model: &Model, theme: Theme, width: usize, n_lines: usize) -
     };
     let facts = format!(
         "used {}{rate}, lost {}, rejected {}, held back {}, stuck {}",
-        status.samples_accepted,
-        status.samples_lost,
-        status.samples_rejected_total(),
-        by_part(status.outputs_held_back),
-        by_part(status.outputs_stuck),
+        status.counters.samples_accepted,
+        status.counters.samples_lost,
+        status.counters.samples_rejected_total(),
+        by_part(status.counters.outputs_held_back),
+        by_part(status.counters.outputs_stuck),
     );
     let rejections: Vec<_> =
         model.rejections().into_iter().map(|(reason, count)| format!("{count} {}", reason.words())).collect();
@@ -302,7 +302,7 @@ pub fn service_lines(model: &Model, theme: Theme) -> Vec<Line<'static>> {
         true => format!("real time granted {granted}"),
         false => format!("real time REFUSED {refused}; granted {granted}"),
     });
-    let (missed, most) = (status.deadline_misses, status.most_late_ticks_in_a_row);
+    let (missed, most) = (status.counters.deadline_misses, status.most_late_ticks_in_a_row);
     fact(match status.late_ticks_in_a_row {
         0 => format!("deadlines {missed} missed, {most} in a row"),
         late => format!("deadlines LATE now, {late} in a row; {missed} missed"),
@@ -315,7 +315,7 @@ pub fn service_lines(model: &Model, theme: Theme) -> Vec<Line<'static>> {
         0 => format!("snapshot  {newest}; {} saved", status.snapshots_saved),
         failed => format!("snapshot  {failed} FAILED; {newest}; {} saved", status.snapshots_saved),
     });
-    fact(match (status.ticks_recorded, status.ticks_not_recorded) {
+    fact(match (status.ticks_recorded, status.counters.ticks_not_recorded) {
         (0, 0) => "record    none".into(),
         (written, 0) => format!("record    {written} ticks"),
         (written, lost) => format!("record    {written} ticks, {lost} LEFT OUT"),
@@ -323,22 +323,25 @@ pub fn service_lines(model: &Model, theme: Theme) -> Vec<Line<'static>> {
     fact(format!(
         "learning  {}; held at its limit for {} ticks",
         if status.adaptation_frozen == 1 { "frozen" } else { "on" },
-        status.ticks_clamped
+        status.counters.ticks_clamped
     ));
     fact(format!(
         "ticks     {} coasting, {} predict-only, {} invalid",
-        status.ticks_coasting, status.ticks_predict_only, status.ticks_invalid
+        status.counters.ticks_coasting, status.counters.ticks_predict_only, status.counters.ticks_invalid
     ));
-    fact(format!("resets    of the state by itself: {}", status.state_resets));
+    fact(format!("resets    of the state by itself: {}", status.counters.state_resets));
     let began = match status.snapshot_restored {
         restored::LEARNED => "with what was learned before",
         restored::LEARNED_AND_STATE => "with state and what was learned before",
         _ => "with nothing learned",
     };
     fact(format!("began     {began}"));
-    fact(format!("source    changes {}, commands {}", status.source_changes, status.commands));
-    if status.records_dropped > 0 {
-        fact(format!("status    {} ticks missing in the latencies", status.records_dropped));
+    fact(format!(
+        "source    changes {}, commands {}",
+        status.counters.source_changes, status.counters.commands
+    ));
+    if status.counters.records_dropped > 0 {
+        fact(format!("status    {} ticks missing in the latencies", status.counters.records_dropped));
     }
     lines
 }

@@ -65,7 +65,7 @@ const WORDS: [Word; 14] = [
         "the loop is late and uses no samples; lower rate_hz or use fewer centers".into()
     }),
     word(bits::LATE, Caution, Lately, bits::PREDICT_ONLY, |model| {
-        match model.growth(|status| status.deadline_misses) {
+        match model.growth(|status| status.counters.deadline_misses) {
             0 => "a deadline was missed; see daemon doctor".into(),
             missed => format!("{missed} deadlines missed in 10 s; see daemon doctor"),
         }
@@ -78,11 +78,11 @@ const WORDS: [Word; 14] = [
             .into()
     }),
     word(bits::STUCK, Caution, Lately, 0, |model| {
-        let which = grown(model, |status| status.outputs_stuck);
+        let which = grown(model, |status| status.counters.outputs_stuck);
         format!("the sensor of the {which} repeats one value to the bit; look at it (input.stuck)")
     }),
     word(bits::HELD_BACK, Caution, Lately, 0, |model| {
-        let which = grown(model, |status| status.outputs_held_back);
+        let which = grown(model, |status| status.counters.outputs_held_back);
         format!("measurements of the {which} are outliers and are not used: spikes? (input.outliers)")
     }),
     word(bits::CLAMPED, Caution, Lately, 0, |_| {

@@ -1,0 +1,48 @@
+//! The files of other languages that are made from the tables of `shared_types`: the checked-in ones are what the tables
+//! say. After a change of a table, or of a function of the C client:
+//!
+//!     UPDATE=1 cargo test -p observer_client --test generated
+
+mod c;
+mod python;
+
+use std::path::Path;
+
+#[test]
+fn the_c_header_is_what_the_tables_say() {
+    compare("include/observer_client.h", &c::header());
+}
+
+#[test]
+fn the_python_messages_are_what_the_tables_say() {
+    compare("../python/observer_client/payload.py", &python::module());
+}
+
+fn compare(file: &str, made: &str) {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join(file);
+    if std::env::var_os("UPDATE").is_some() {
+        std::fs::write(&path, made).unwrap();
+    }
+    let found = std::fs::read_to_string(&path).unwrap_or_default();
+    let differing = made.lines().zip(found.lines()).find(|(made, found)| made != found);
+    assert!(
+        made == found,
+        "{} is not what the tables say ({differing:?}); write it: UPDATE=1 cargo test -p observer_client --test generated",
+        path.display()
+    );
+}
+
+/// Breaks a text after spaces where a line would be longer than 110 characters, with `indent` in front of each line.
+fn wrapped(text: &str, indent: &str) -> Vec<String> {
+    let mut lines = vec![String::from(indent)];
+    for word in text.split_whitespace() {
+        let last = lines.len() - 1;
+        if lines[last].chars().count() + word.chars().count() < 110 {
+            let gap = if lines[last] == indent { "" } else { " " };
+            lines[last] += &format!("{gap}{word}");
+        } else {
+            lines.push(format!("{indent}{word}"));
+        }
+    }
+    lines
+}

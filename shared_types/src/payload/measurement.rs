@@ -1,0 +1,179 @@
+//! What a vehicle publishes: readings of its sensors, and what it commands.
+
+use crate::table::{Bound, Field, Limit, Message, Payload, Quantity, Value, WXYZ, XYZ, numbers_are_finite};
+use iceoryx2::prelude::ZeroCopySend;
+use serde::{Deserialize, Serialize};
+
+/// A sequence further ahead than this is no gap but a damaged number.
+pub const MAX_SEQUENCE_GAP: u64 = 1_000_000;
+/// A unit quaternion's norm may be off by this much: single precision and a little more.
+pub const QUATERNION_NORM_TOLERANCE: f64 = 1e-3;
+
+constants! {
+    /// Values of [`Measurement::velocity_frame`].
+    pub mod frame: u32 {
+        /// Components along the inertial axes.
+        INERTIAL = 0;
+        /// Components along the body axes (a Doppler log).
+        BODY = 1;
+    }
+}
+
+const fn measured(key: &'static str, unit: &'static str) -> Option<Quantity> {
+    Some(Quantity { key, unit, is_measured: true })
+}
+
+const fn commanded(key: &'static str, unit: &'static str) -> Option<Quantity> {
+    Some(Quantity { key, unit, is_measured: false })
+}
+
+payload! {
+    /// Bits of [`Measurement::valid`]: which fields carry a measurement.
+    pub mod valid: u32 {
+        /// Every field of a rigid body.
+        RIGID_BODY = VELOCITY | ANGULAR_VELOCITY | POSITION | ATTITUDE | FORCE | TORQUE,
+    }
+
+    /// One set of sensor readings and commands, all taken at `stamp_ns`.
+    #[derive(Default, Serialize, Deserialize)]
+    pub struct Measurement: "observer.Measurement.v2" {
+        /// Counts from 0, one up per sample; a gap counts as loss.
+        sequence: u64,
+        /// CLOCK_MONOTONIC of the source when the readings were taken (ns).
+        stamp_ns: u64,
+        /// Which of the fields below are valid: bits of [`valid`].
+        valid: u32,
+        /// Frame of `velocity_m_s`: [`frame::INERTIAL`] or [`frame::BODY`].
+        velocity_frame: u32,
+        /// Velocity of the center of mass, in the frame that `velocity_frame` names (m/s).
+        velocity_m_s: [f64; 3] where VELOCITY = 0 {
+            components: XYZ, quantity: measured("velocity", "m/s"), limit: Limit::Norm(Bound::Speed),
+        },
+        /// Angular velocity, body axes (rad/s).
+        angular_velocity_rad_s: [f64; 3] where ANGULAR_VELOCITY = 1 {
+            components: XYZ, quantity: measured("angular_velocity", "rad/s"), limit: Limit::Norm(Bound::AngularRate),
+        },
+        /// Position fix, inertial (m).
+        position_m: [f64; 3] where POSITION = 2 {
+            components: XYZ, quantity: measured("position", "m"), limit: Limit::Norm(Bound::Position),
+        },
+        /// Attitude fix, unit quaternion w, x, y, z, body to inertial.
+        attitude_wxyz: [f64; 4] where ATTITUDE = 3 {
+            components: WXYZ, quantity: measured("attitude", ""), limit: Limit::UnitNorm,
+        },
+        /// Commanded force, inertial axes (N), held until the next one; zero before the first.
+        force_n: [f64; 3] where FORCE = 4 {
+            components: XYZ, quantity: commanded("force", "N"), limit: Limit::Norm(Bound::Force),
+        },
+        /// Commanded torque, body axes (N·m), held until the next one; zero before the first.
+        torque_n_m: [f64; 3] where TORQUE = 5 {
+            components: XYZ, quantity: commanded("torque", "N m"), limit: Limit::Norm(Bound::Torque),
+        },
+        /// y of a general linear plant, its first m entries, in the units of its configuration.
+        output: [f64; 6] where OUTPUT = 6 {
+            quantity: measured("output", ""), limit: Limit::Each(Bound::Output),
+        },
+        /// u of a general linear plant, its first m entries, held until the next one; zero before the first.
+        input: [f64; 6] where INPUT = 7 {
+            quantity: commanded("input", ""), limit: Limit::Each(Bound::Input),
+        },
+    }
+}
+
+impl Measurement {
+    /// A sample without any valid field yet.
+    pub fn at(stamp_ns: u64, sequence: u64) -> Self {
+        Self { stamp_ns, sequence, ..Self::default() }
+    }
+
+    fn and(mut self, bit: u32) -> Self {
+        self.valid |= bit;
+        self
+    }
+
+    /// Adds an inertial velocity.
+    pub fn with_velocity_m_s(self, velocity_m_s: [f64; 3]) -> Self {
+        Self { velocity_m_s, velocity_frame: frame::INERTIAL, ..self }.and(valid::VELOCITY)
+    }
+
+    /// Adds a velocity along the body axes.
+    pub fn with_body_velocity_m_s(self, velocity_m_s: [f64; 3]) -> Self {
+        Self { velocity_m_s, velocity_frame: frame::BODY, ..self }.and(valid::VELOCITY)
+    }
+
+    /// Adds an angular velocity, body axes.
+    pub fn with_angular_velocity_rad_s(self, angular_velocity_rad_s: [f64; 3]) -> Self {
+        Self { angular_velocity_rad_s, ..self }.and(valid::ANGULAR_VELOCITY)
+    }
+
+    /// Adds a position fix.
+    pub fn with_position_m(self, position_m: [f64; 3]) -> Self {
+        Self { position_m, ..self }.and(valid::POSITION)
+    }
+
+    /// Adds an attitude fix.
+    pub fn with_attitude_wxyz(self, attitude_wxyz: [f64; 4]) -> Self {
+        Self { attitude_wxyz, ..self }.and(valid::ATTITUDE)
+    }
+
+    /// Adds a commanded force, inertial axes.
+    pub fn with_force_n(self, force_n: [f64; 3]) -> Self {
+        Self { force_n, ..self }.and(valid::FORCE)
+    }
+
+    /// Adds a commanded torque, body axes.
+    pub fn with_torque_n_m(self, torque_n_m: [f64; 3]) -> Self {
+        Self { torque_n_m, ..self }.and(valid::TORQUE)
+    }
+
+    /// Adds the output of a general linear plant.
+    ///
+    /// # Panics
+    /// With more than 6 numbers.
+    pub fn with_output(mut self, output: &[f64]) -> Self {
+        self.output[..output.len()].copy_from_slice(output);
+        self.and(valid::OUTPUT)
+    }
+
+    /// Adds the commanded input of a general linear plant.
+    ///
+    /// # Panics
+    /// With more than 6 numbers.
+    pub fn with_input(mut self, input: &[f64]) -> Self {
+        self.input[..input.len()].copy_from_slice(input);
+        self.and(valid::INPUT)
+    }
+
+    /// The fields that carry what is measured or commanded, each with its place in the table.
+    pub fn quantities() -> impl Iterator<Item = (usize, &'static Field, Quantity)> {
+        let fields = Self::TABLE.fields.iter().enumerate();
+        fields.filter_map(|(place, field)| Some((place, field, field.quantity?)))
+    }
+
+    /// The numbers of the field at a place in the table.
+    pub fn numbers(&self, place: usize) -> &[f64] {
+        match self.value(place) {
+            Value::Numbers(numbers) => numbers,
+            _ => &[],
+        }
+    }
+
+    /// Adds these numbers as the field at a place in the table.
+    ///
+    /// # Panics
+    /// Where the field has not as many.
+    pub fn set(&mut self, place: usize, numbers: &[f64]) {
+        self.numbers_mut(place).copy_from_slice(numbers);
+        self.valid |= Self::TABLE.fields[place].valid;
+    }
+
+    /// Whether every value that is measured is a finite number.
+    pub fn is_finite(&self) -> bool {
+        numbers_are_finite(self, self.valid)
+    }
+
+    /// Whether all the given bits of [`valid`] are set.
+    pub fn has(&self, bits: u32) -> bool {
+        self.valid & bits == bits
+    }
+}
