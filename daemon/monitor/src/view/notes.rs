@@ -180,6 +180,7 @@ fn of_the_start(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use shared_types::payload::Counters;
     use crate::link::News;
     use shared_types::Estimate;
 
@@ -221,7 +222,10 @@ mod tests {
         let mut model = with_status(bits::TRACKING);
         let status = |stamp_s: u64, not_finite: u64| Status {
             stamp_ns: stamp_s * 1_000_000_000,
-            samples_rejected: [not_finite, 7, 0, 0, 0, 0, 0, 0, 0, 0, 0],
+            counters: Counters {
+                samples_rejected: [not_finite, 7, 0, 0, 0, 0, 0, 0, 0, 0, 0],
+                ..Counters::default()
+            },
             ..Status::default()
         };
         for (stamp_s, not_finite) in [(80, 1), (95, 2), (100, 5)] {
