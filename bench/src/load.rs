@@ -227,7 +227,7 @@ struct Used {
 impl Vehicle {
     fn wait_for_samples(&self) -> anyhow::Result<()> {
         let start = Instant::now();
-        while status(&self.client)?.samples_accepted == 0 {
+        while status(&self.client)?.counters.samples_accepted == 0 {
             ensure!(start.elapsed() < PATIENCE, "no sample arrives; {}", self.publisher.log());
             std::thread::sleep(Duration::from_millis(10));
         }

@@ -125,7 +125,12 @@ fn a_slow_disk_costs_ticks_of_the_record_and_none_of_the_loop() {
     let before = status();
     std::thread::sleep(Duration::from_secs(1));
     let after = status();
-    assert!(after.ticks - before.ticks > 500, "the loop goes on: {} {}", before.ticks, after.ticks);
+    assert!(
+        after.counters.ticks - before.counters.ticks > 500,
+        "the loop goes on: {} {}",
+        before.counters.ticks,
+        after.counters.ticks
+    );
     // Once it is emptied the record goes on, with the gap marked.
     let file = files.path().join("copy");
     let mut copy = std::fs::File::create(&file).unwrap();

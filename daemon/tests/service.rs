@@ -70,13 +70,13 @@ fn samples_go_in_and_estimates_come_out() {
 
     // The same on the status topic, waited for and at a glance.
     let next = client.status_subscriber().unwrap().wait_next(PATIENCE).unwrap();
-    assert!(next.ticks > 0 && next.rate_millihertz == 200_000);
+    assert!(next.counters.ticks > 0 && next.rate_millihertz == 200_000);
     assert_eq!(next.dead_zone_width, [0.02, 0.01, 0.0]);
     let mut at_a_glance = client.latest_status().unwrap();
     wait_until("a newer status", || {
         at_a_glance.peek().unwrap().is_some_and(|newer| newer.sequence > next.sequence)
     });
-    assert_eq!(at_a_glance.peek().unwrap().unwrap().samples_accepted, 200);
+    assert_eq!(at_a_glance.peek().unwrap().unwrap().counters.samples_accepted, 200);
     drop(at_a_glance);
 
     // Silence: first coasting, then stale; still finite, still published.

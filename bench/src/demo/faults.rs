@@ -345,16 +345,19 @@ mod tests {
 
     #[test]
     fn what_rose_is_named_and_a_new_service_counts_from_zero() {
-        let mut before = Status { start_stamp_ns: 1, samples_lost: 5, ..Status::default() };
-        before.samples_rejected[Rejection::NotFinite as usize] = 2;
-        let mut after = Status { samples_lost: 9, source_changes: 1, ..before };
-        after.samples_rejected[Rejection::RepeatedStamp as usize] = 3;
+        let mut before = Status { start_stamp_ns: 1, ..Status::default() };
+        before.counters.samples_lost = 5;
+        before.counters.samples_rejected[Rejection::NotFinite as usize] = 2;
+        let mut after = before;
+        (after.counters.samples_lost, after.counters.source_changes) = (9, 1);
+        after.counters.samples_rejected[Rejection::RepeatedStamp as usize] = 3;
         let named = |rises: Vec<(String, u64)>| {
             rises.iter().map(|(name, count)| format!("{name} {count}")).collect::<Vec<_>>().join(", ")
         };
         let rose = named(rises(&before, &after));
         assert_eq!(rose, "samples_lost 4, source_changes 1, rejected_repeated_stamp 3");
-        let restarted = Status { start_stamp_ns: 2, samples_lost: 1, ..Status::default() };
+        let mut restarted = Status { start_stamp_ns: 2, ..Status::default() };
+        restarted.counters.samples_lost = 1;
         assert_eq!(named(rises(&before, &restarted)), "service_starts 1, samples_lost 1");
     }
 }

@@ -294,7 +294,7 @@ fn grown(model: &Model, counts: fn(&Status) -> [u64; 3]) -> String {
 mod tests {
     use super::*;
     use crate::link::News;
-    use shared_types::Estimate;
+    use shared_types::{Counters, Estimate};
 
     const NOW: Now = Now { monotonic_ns: 100_000_000_000, unix_s: 1_700_000_000 };
 
@@ -353,7 +353,10 @@ mod tests {
         let mut model = with_status(bits::TRACKING);
         let status = |stamp_s: u64, not_finite: u64| Status {
             stamp_ns: stamp_s * 1_000_000_000,
-            samples_rejected: [not_finite, 7, 0, 0, 0, 0, 0, 0, 0, 0, 0],
+            counters: Counters {
+                samples_rejected: [not_finite, 7, 0, 0, 0, 0, 0, 0, 0, 0, 0],
+                ..Counters::default()
+            },
             ..Status::default()
         };
         for (stamp_s, not_finite) in [(80, 1), (95, 2), (100, 5)] {

@@ -9,7 +9,7 @@ use ratatui::Terminal;
 use ratatui::backend::TestBackend;
 use ratatui::buffer::Buffer;
 use ratatui::style::Color;
-use shared_types::payload::{real_time, restored, status_bits as bits};
+use shared_types::payload::{Counters, real_time, restored, status_bits as bits};
 use shared_types::{Channel, Estimate, LatencySummary, Status, Truth};
 
 const S: u64 = 1_000_000_000;
@@ -90,10 +90,13 @@ fn status(t_s: f64) -> Status {
         start_stamp_ns: START_NS - 3_600 * S,
         rate_millihertz: 200_000,
         dead_zone_width: [0.0211, 0.0321, 0.0],
-        ticks: 732_000,
-        samples_accepted: (t_s * 200.0) as u64,
-        samples_lost: 12,
-        samples_rejected: [1, 0, 0, 0, 2, 0, 0, 0, 0, 0, 0],
+        counters: Counters {
+            ticks: 732_000,
+            samples_accepted: (t_s * 200.0) as u64,
+            samples_lost: 12,
+            samples_rejected: [1, 0, 0, 0, 2, 0, 0, 0, 0, 0, 0],
+            ..Counters::default()
+        },
         newest_sample_age_ns: 4_000_000,
         source_pid: 4711,
         real_time_requested: real_time::PRIORITY | real_time::PUNCTUAL_TIMERS,
