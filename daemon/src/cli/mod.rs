@@ -526,11 +526,6 @@ fn print_status(status: &Status) {
         u64::MAX => "none yet".into(),
         age_ns => format!("{:.3} s ago", seconds(age_ns)),
     };
-    let rejected: Vec<_> = Rejection::ALL
-        .into_iter()
-        .filter(|&reason| status.counters.rejected(reason) > 0)
-        .map(|reason| format!("{} {}", status.counters.rejected(reason), reason.words()))
-        .collect();
     let source = |pid: u64| if pid == 0 { "none".into() } else { format!("process {pid}") };
     let mut facts = Table::new();
     facts.load_style(NOTHING);
@@ -539,36 +534,15 @@ fn print_status(status: &Status) {
     };
     fact("running for", format!("{:.1} s", seconds(status.stamp_ns - status.start_stamp_ns)));
     fact("rate", format!("{} Hz", status.rate_millihertz as f64 / 1e3));
-    fact("ticks", format!("{}, {} deadlines missed", status.counters.ticks, status.counters.deadline_misses));
     fact("newest sample", format!("sequence {}, {age}", status.newest_sequence));
-    fact(
-        "samples",
-        format!("{} used, {} lost", status.counters.samples_accepted, status.counters.samples_lost),
-    );
-    fact("rejected", if rejected.is_empty() { "0".into() } else { rejected.join("; ") });
     fact("source", format!("{}; another: {}", source(status.source_pid), source(status.other_source_pid)));
     fact("adaptation", if status.adaptation_frozen == 1 { "frozen".into() } else { "on".into() });
     let refused = real_time::words(status.real_time_requested & !status.real_time_granted).join(", ");
     let refused = if refused.is_empty() { "nothing".into() } else { refused };
     let granted = real_time::words(status.real_time_granted).join(", ");
     fact("real time", format!("granted: {granted}; refused: {refused}"));
-    fact("coasting", format!("{} ticks", status.counters.ticks_coasting));
-    fact("clamped", format!("{} ticks", status.counters.ticks_clamped));
-    fact("state resets", status.counters.state_resets.to_string());
-    let [v, w, y] = status.counters.outputs_held_back;
-    fact("held back", format!("{v} velocities, {w} angular velocities, {y} outputs that stand out"));
-    let [v, w, y] = status.counters.outputs_stuck;
-    fact("stuck", format!("{v} velocities, {w} angular velocities, {y} outputs"));
-    fact(
-        "late ticks",
-        format!(
-            "{} in a row now, {} at most; {} predicted only, {} invalid",
-            status.late_ticks_in_a_row,
-            status.most_late_ticks_in_a_row,
-            status.counters.ticks_predict_only,
-            status.counters.ticks_invalid
-        ),
-    );
+    let (late, most) = (status.late_ticks_in_a_row, status.most_late_ticks_in_a_row);
+    fact("late ticks in a row", format!("{late} now, {most} at most"));
     let restored = match status.snapshot_restored {
         restored::LEARNED => "what was learned restored at the start",
         restored::LEARNED_AND_STATE => "what was learned and the state restored at the start",
@@ -580,10 +554,10 @@ fn print_status(status: &Status) {
     };
     let failed = status.snapshots_failed;
     fact("snapshots", format!("{} saved, {failed} failed, {newest}; {restored}", status.snapshots_saved));
-    fact(
-        "flight record",
-        format!("{} ticks, {} not recorded", status.ticks_recorded, status.counters.ticks_not_recorded),
-    );
+    fact("flight record", format!("{} ticks", status.ticks_recorded));
+    for (name, text) in status.counters.lines() {
+        fact(&name, text);
+    }
     outln!("{facts}\n");
 
     let mut latencies = Table::new();

@@ -1,7 +1,7 @@
 //! What the engine and its loop count since they started.
 
 use crate::payload::rejection::{REASONS, Rejection};
-use crate::table::PER_CHANNEL;
+use crate::table::{Message, PER_CHANNEL, Payload, Value};
 use iceoryx2::prelude::ZeroCopySend;
 use serde::{Deserialize, Serialize};
 
@@ -46,6 +46,27 @@ payload! {
 }
 
 impl Counters {
+    /// Each counter in words with its value, those of several numbers with the parts that are not 0: for people.
+    ///
+    /// `samples rejected`, `3 (1 not finite, 2 older stamp)`
+    pub fn lines(&self) -> impl Iterator<Item = (String, String)> {
+        let in_words = |name: &str| name.replace('_', " ");
+        Self::TABLE.fields.iter().enumerate().map(move |(i, field)| {
+            let text = match self.value(i) {
+                Value::Integer(count) => count.to_string(),
+                Value::Integers(counts) => {
+                    let parts = counts.iter().zip(field.components.names).filter(|(count, _)| **count > 0);
+                    let parts: Vec<_> =
+                        parts.map(|(count, name)| format!("{count} {}", in_words(name))).collect();
+                    let total: u64 = counts.iter().sum();
+                    if total == 0 { "0".into() } else { format!("{total} ({})", parts.join(", ")) }
+                }
+                _ => String::new(),
+            };
+            (in_words(field.name), text)
+        })
+    }
+
     /// Samples rejected for any reason.
     pub fn samples_rejected_total(&self) -> u64 {
         self.samples_rejected.iter().sum()
@@ -54,5 +75,27 @@ impl Counters {
     /// Samples rejected for one reason.
     pub fn rejected(&self, reason: Rejection) -> u64 {
         self.samples_rejected[reason as usize]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn each_counter_is_told_in_words() {
+        let mut counters = Counters { ticks: 7, outputs_stuck: [0, 2, 0], ..Counters::default() };
+        counters.samples_rejected[Rejection::NotFinite as usize] = 1;
+        counters.samples_rejected[Rejection::OlderStamp as usize] = 2;
+        let lines: Vec<_> = counters.lines().map(|(name, text)| format!("{name} {text}")).collect();
+        assert_eq!(lines.len(), Counters::TABLE.fields.len());
+        for needed in [
+            "ticks 7",
+            "samples lost 0",
+            "samples rejected 3 (1 not finite, 2 older stamp)",
+            "outputs stuck 2 (2 rotation)",
+        ] {
+            assert!(lines.iter().any(|line| line == needed), "{needed}: {lines:?}");
+        }
     }
 }

@@ -64,3 +64,15 @@ rejections! {
     /// The loop was late for too long to use it.
     Overload = "overload", "the loop was late";
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_rejection_has_its_own_counter() {
+        for (index, reason) in Rejection::ALL.into_iter().enumerate() {
+            assert_eq!(reason as usize, index, "{}", reason.words());
+        }
+    }
+}

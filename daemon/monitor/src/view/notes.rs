@@ -182,7 +182,7 @@ mod tests {
     use super::*;
     use shared_types::payload::Counters;
     use crate::link::News;
-    use shared_types::Estimate;
+    use shared_types::{Counters, Estimate};
 
     const NOW: Now = Now { monotonic_ns: 100_000_000_000, unix_s: 1_700_000_000 };
 

@@ -291,6 +291,25 @@ pub fn latency_lines(model: &Model, theme: Theme, is_wide: bool) -> Vec<Line<'st
     lines
 }
 
+/// The counters that have places of their own in these sections.
+const SHOWN: [&str; 15] = [
+    "ticks",
+    "deadline misses",
+    "samples accepted",
+    "samples lost",
+    "samples rejected",
+    "outputs held back",
+    "outputs stuck",
+    "ticks coasting",
+    "ticks clamped",
+    "ticks predict only",
+    "ticks invalid",
+    "state resets",
+    "source changes",
+    "commands",
+    "ticks not recorded",
+];
+
 /// What the service was granted, kept and did: a heading and facts, the most needed first.
 pub fn service_lines(model: &Model, theme: Theme) -> Vec<Line<'static>> {
     let mut lines = vec![Line::styled("SERVICE", theme.title())];
@@ -340,8 +359,11 @@ pub fn service_lines(model: &Model, theme: Theme) -> Vec<Line<'static>> {
         "source    changes {}, commands {}",
         status.counters.source_changes, status.counters.commands
     ));
-    if status.counters.records_dropped > 0 {
-        fact(format!("status    {} ticks missing in the latencies", status.counters.records_dropped));
+    // The counters that no other line shows, as soon as they count.
+    for (name, text) in
+        status.counters.lines().filter(|(name, text)| text != "0" && !SHOWN.contains(&name.as_str()))
+    {
+        fact(format!("{name:<9} {text}"));
     }
     lines
 }
