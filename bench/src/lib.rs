@@ -30,7 +30,7 @@ pub mod jitter;
 pub mod kalman;
 pub mod load;
 pub mod paper;
-pub mod plot;
+mod plot;
 pub mod service;
 pub mod soak;
 pub mod step;

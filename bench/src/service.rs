@@ -8,7 +8,7 @@ use crate::harness::exchange::{MovingVehicle, ServiceExchange, connect, round_tr
 use crate::harness::latency::{Bin, HEADER, bars, cells, histogram, summary, table};
 use crate::harness::machine::Machine;
 use crate::harness::processes::{Child, OwnDomain, ServiceSettings, stop_flag};
-use crate::plot::{self, Line, LineStyle, Panel};
+use crate::plot::{self, Figure, Line, LineStyle, Panel};
 use anyhow::Context;
 use clap::ValueEnum;
 use daemon::config::PRESETS;
@@ -87,7 +87,7 @@ pub struct ServiceArguments {
     /// Print one JSON document instead of the table.
     #[arg(long)]
     json: bool,
-    /// Draw the share of later estimates to FILE, .svg or .png.
+    /// Draw the share of later estimates to FILE.svg.
     #[arg(long, value_name = "FILE")]
     plot: Option<PathBuf>,
 }
@@ -298,14 +298,13 @@ fn draw(file: &Path, rows: &[Row]) -> anyhow::Result<()> {
         let every =
             |i: &usize| i.is_multiple_of(sorted.len().div_ceil(MOST_POINTS)) || i + 200 >= sorted.len();
         let points = (0..sorted.len()).filter(every).map(later).collect();
-        Line { label: row.trigger.name().into(), points, style: LineStyle::Estimate }
+        Line::new(row.trigger.name(), LineStyle::Estimate, points)
     };
-    let panel = |&rate_hz: &f64| Panel {
-        y_label: format!("share later, {rate_hz} Hz"),
-        lines: rows.iter().filter(|row| row.rate_hz == rate_hz).map(line).collect(),
-        log_x: true,
-        log_y: true,
+    let panel = |&rate_hz: &f64| {
+        let lines = rows.iter().filter(|row| row.rate_hz == rate_hz).map(line).collect();
+        Panel { log_y: true, ..Panel::new(&format!("share later, {rate_hz} Hz"), lines) }
     };
-    let panels: Vec<Panel> = rates_hz.iter().map(panel).collect();
-    plot::draw_to(file, "Sample's stamp to its estimate", "latency (µs)", &panels)
+    let panels = rates_hz.iter().map(panel).collect();
+    Figure { log_x: true, ..Figure::new("Sample's stamp to its estimate", "latency (µs)", panels) }
+        .write(file)
 }

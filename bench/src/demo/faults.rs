@@ -298,17 +298,11 @@ impl FaultReport {
 
     /// The error with and without faults.
     pub(super) fn panel(&self) -> Panel {
-        let line =
-            |label: &str, points: &Curve, style| Line { label: label.into(), points: points.clone(), style };
-        Panel {
-            y_label: self.judged.name().into(),
-            lines: vec![
-                line("with faults", &self.with, LineStyle::Estimate),
-                line("the same without faults", &self.without, LineStyle::Comparison),
-            ],
-            log_x: false,
-            log_y: true,
-        }
+        let lines = vec![
+            Line::new("with faults", LineStyle::Estimate, self.with.clone()),
+            Line::new("the same without faults", LineStyle::Comparison, self.without.clone()),
+        ];
+        Panel { log_y: true, ..Panel::new(self.judged.name(), lines) }
     }
 
     /// The faults' times, with their numbers in the table.

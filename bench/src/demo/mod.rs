@@ -10,7 +10,7 @@ mod faults;
 mod report;
 
 use crate::harness::processes::{Child, OwnDomain, stop_flag};
-use crate::plot;
+use crate::plot::Figure;
 use anyhow::{Context, ensure};
 use clap::Args;
 use daemon::config::ConfigFile;
@@ -142,7 +142,6 @@ pub fn run(arguments: &DemoArguments) -> anyhow::Result<()> {
         without: Errors::over_second_half(&run, &without),
         faults: fault_report,
     };
-    let name = format!("{}-truth-and-estimate", arguments.scenario.name());
     let title = format!("{}: truth and estimate", arguments.scenario.name());
     let mut panels = report::panels(&run, &without, arguments.scenario);
     let mut shades = Vec::new();
@@ -150,10 +149,11 @@ pub fn run(arguments: &DemoArguments) -> anyhow::Result<()> {
         panels.insert(0, faults.panel());
         shades = faults.shades();
     }
-    let plots = plot::draw_shaded(&arguments.out.join(name), &title, "time (s)", &panels, &shades)?;
+    let plot = arguments.out.join(format!("{}-truth-and-estimate.svg", arguments.scenario.name()));
+    Figure { shades, ..Figure::new(&title, "time (s)", panels) }.write(&plot)?;
     match arguments.json {
-        true => outln!("{}", serde_json::to_string_pretty(&report.json(&plots))?),
-        false => report.print(&plots),
+        true => outln!("{}", serde_json::to_string_pretty(&report.json(&plot))?),
+        false => report.print(&plot),
     }
     Ok(())
 }

@@ -9,7 +9,7 @@ use shared_types::Truth;
 use shared_types::outln;
 use shared_types::payload::{Estimate, LatencySummary, Rejection, Status};
 use sim_publisher::Scenario;
-use std::path::PathBuf;
+use std::path::Path;
 
 /// Everything that was measured.
 pub(super) struct Report {
@@ -36,7 +36,7 @@ const QUANTITIES: [Quantity; 6] = [
 ];
 
 impl Report {
-    pub(super) fn print(&self, plots: &[PathBuf]) {
+    pub(super) fn print(&self, plot: &Path) {
         let status = &self.status;
         outln!(
             "{} with preset {}: {:.1} s at {} Hz, service and vehicle as two processes\n",
@@ -90,13 +90,11 @@ impl Report {
         if let Some(faults) = &self.faults {
             faults.print();
         }
-        for plot in plots {
-            outln!("{}", plot.display());
-        }
+        outln!("{}", plot.display());
     }
 
     /// The document of `--json`; a quantity that the scenario does not have is null, with its reason.
-    pub(super) fn json(&self, plots: &[PathBuf]) -> Value {
+    pub(super) fn json(&self, plot: &Path) -> Value {
         let status = &self.status;
         let mut document = Map::new();
         let mut put = |key: String, value: Value| document.insert(key, value);
@@ -136,7 +134,7 @@ impl Report {
             faults.put_json(&mut document);
         }
         let mut put = |key: String, value: Value| document.insert(key, value);
-        put("plots".into(), plots.iter().map(|plot| plot.display().to_string()).collect());
+        put("plots".into(), json!([plot.display().to_string()]));
         Value::Object(document)
     }
 }
@@ -151,14 +149,12 @@ pub(super) fn panels(run: &Run, without: &[Estimate], scenario: Scenario) -> Vec
         let curve = |estimates: &[Estimate]| {
             estimates.iter().map(|estimate| (run.seconds(estimate.stamp_ns), of_estimate(estimate))).collect()
         };
-        let mut lines = vec![Line { label: "truth".into(), points: truth, style: LineStyle::Truth }];
+        let mut lines = vec![Line::new("truth", LineStyle::Truth, truth)];
         if compare {
-            let (label, points) = ("without adaptation".into(), curve(without));
-            lines.push(Line { label, points, style: LineStyle::Comparison });
+            lines.push(Line::new("without adaptation", LineStyle::Comparison, curve(without)));
         }
-        let (points, style) = (curve(&run.estimates), LineStyle::Estimate);
-        lines.push(Line { label: "estimate".into(), points, style });
-        Panel { y_label: label.into(), lines, log_x: false, log_y: false }
+        lines.push(Line::new("estimate", LineStyle::Estimate, curve(&run.estimates)));
+        Panel::new(label, lines)
     };
     let error = |label: &str, of: fn(&Truth, &Estimate) -> f64| {
         let curve = |estimates: &[Estimate]| -> Vec<(f64, f64)> {
@@ -167,10 +163,10 @@ pub(super) fn panels(run: &Run, without: &[Estimate], scenario: Scenario) -> Vec
             errors.collect()
         };
         let lines = vec![
-            Line { label: "without adaptation".into(), points: curve(without), style: LineStyle::Comparison },
-            Line { label: "estimate".into(), points: curve(&run.estimates), style: LineStyle::Estimate },
+            Line::new("without adaptation", LineStyle::Comparison, curve(without)),
+            Line::new("estimate", LineStyle::Estimate, curve(&run.estimates)),
         ];
-        Panel { y_label: label.into(), lines, log_x: false, log_y: false }
+        Panel::new(label, lines)
     };
     let translation = || {
         vec![

@@ -10,7 +10,7 @@ use crate::flights::accuracy::{
 };
 use crate::flights::arguments::{FlightArguments, Replay};
 use crate::flights::check;
-use crate::plot::{self, Line, LineStyle, Panel};
+use crate::plot::{self, Figure, Line, LineStyle, Panel};
 use anyhow::Context;
 use clap::Args;
 use comfy_table::{Table, presets::UTF8_FULL_CONDENSED};
@@ -29,7 +29,7 @@ pub struct ReplayArguments {
     /// Print one JSON document.
     #[arg(long)]
     json: bool,
-    /// Draw the coasts into FILE.svg or FILE.png.
+    /// Draw the coasts to FILE.svg.
     #[arg(long, value_name = "FILE")]
     plot: Option<PathBuf>,
 }
@@ -188,26 +188,14 @@ fn draw(file: &std::path::Path, flight: &Flight, ours: &Accuracy, kalman: &Accur
                     })
                     .collect()
             };
-            Panel {
-                y_label: (*label).into(),
-                lines: vec![
-                    Line { label: "measured".into(), points: measured, style: LineStyle::Truth },
-                    Line {
-                        label: "Kalman filter, coasting".into(),
-                        points: coasts(kalman),
-                        style: LineStyle::Comparison,
-                    },
-                    Line {
-                        label: "observer, coasting".into(),
-                        points: coasts(ours),
-                        style: LineStyle::Estimate,
-                    },
-                ],
-                log_x: false,
-                log_y: false,
-            }
+            let lines = vec![
+                Line::new("measured", LineStyle::Truth, measured),
+                Line::new("Kalman filter, coasting", LineStyle::Comparison, coasts(kalman)),
+                Line::new("observer, coasting", LineStyle::Estimate, coasts(ours)),
+            ];
+            Panel::new(label, lines)
         })
         .collect();
     let title = format!("Velocity predicted for {} s without measurements", flight.coast_s);
-    plot::draw_to(file, &title, "time in the air (s)", &panels)
+    Figure::new(&title, "time in the air (s)", panels).write(file)
 }

@@ -81,7 +81,7 @@ pub struct StepArguments {
     /// Print one JSON document instead of the table.
     #[arg(long)]
     pub json: bool,
-    /// Draw the latencies to FILE, .svg or .png.
+    /// Draw the latencies to FILE.svg.
     #[arg(long, value_name = "FILE")]
     pub plot: Option<PathBuf>,
 }
