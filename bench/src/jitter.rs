@@ -5,17 +5,17 @@
 //! one run, so that drift hits all alike. As cyclictest does, we lock memory and hold the processor awake;
 //! what was not granted is said.
 
-use crate::harness::latency::{HEADER, cells, summary, table, three_digits};
+use crate::harness::latency::{HEADER, cells, summary};
 use crate::harness::machine::Machine;
+use crate::harness::options::{parse_rate_hz, parse_seconds};
+use crate::harness::output::{progress_bar, say_if_stopped, show, table, three_digits, warn_of_debug_build};
 use crate::harness::processes::stop_flag;
-use crate::service::{parse_rate_hz, parse_seconds};
 use anyhow::{Context, anyhow, bail};
 use daemon::cycle::{skip_missed, wait_for_deadline};
 use daemon::realtime::{self, Refused};
-use indicatif::{ProgressBar, ProgressStyle};
 use serde::Serialize;
 use shared_types::clock::monotonic_ns;
-use shared_types::{LatencySummary, logln, outln};
+use shared_types::{LatencySummary, outln};
 use std::io::ErrorKind;
 use std::process::{Command, Stdio};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -82,9 +82,7 @@ impl Mode {
 /// A cyclictest that fails although it is there. What the system does not grant is no error: its rows are
 /// null and say why.
 pub fn run(arguments: &JitterArguments) -> anyhow::Result<()> {
-    if cfg!(debug_assertions) {
-        logln!("warning: this is a debug build, its latencies mean nothing; use cargo run --release");
-    }
+    warn_of_debug_build();
     let stop = stop_flag()?;
     let machine = Machine::found();
     // With one core, its own threads and the measured one share it.
@@ -98,9 +96,8 @@ pub fn run(arguments: &JitterArguments) -> anyhow::Result<()> {
     for &rate_hz in &arguments.rates_hz {
         rows.extend(Mode::ALL.map(|mode| Row { mode, rate_hz, lateness_ns: Ok(Vec::new()) }));
     }
-    let style = ProgressStyle::with_template("{msg:26} {bar:40} {elapsed} of about {duration}");
-    let progress = ProgressBar::new(rows.len() as u64 * u64::from(n_slices))
-        .with_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()));
+    let n_turns = rows.len() as u64 * u64::from(n_slices);
+    let progress = progress_bar(n_turns, "{msg:26} {bar:40} {elapsed} of about {duration}");
     for _ in 0..n_slices {
         for row in &mut rows {
             progress.set_message(format!("{} {} Hz", row.mode.name(), row.rate_hz));
@@ -125,9 +122,7 @@ pub fn run(arguments: &JitterArguments) -> anyhow::Result<()> {
         }
     }
     progress.finish_and_clear();
-    if stop.load(Ordering::Relaxed) {
-        logln!("bench: stopped; the figures are those of the part that ran");
-    }
+    say_if_stopped(&stop);
 
     let granted = |refused: Option<&Refused>| refused.map_or("granted".into(), Refused::to_string);
     let rows: Vec<RowReport> = rows.into_iter().map(RowReport::of).collect();
@@ -142,11 +137,7 @@ pub fn run(arguments: &JitterArguments) -> anyhow::Result<()> {
         rows,
     };
     drop(awake);
-    match arguments.json {
-        true => outln!("{}", serde_json::to_string_pretty(&report)?),
-        false => report.print(),
-    }
-    Ok(())
+    show(arguments.json, &report, || report.print())
 }
 
 /// One turn of one mode at one rate.

@@ -5,42 +5,41 @@
 //! | readers | subscribers of one instance's estimates, each served at every tick | the tick, a sample's stamp to its estimate, shared memory |
 //! | instances | vehicles: a service and a publisher each, as processes of their own, in one domain | the tick, processor time per tick and process, resident and shared memory |
 
-use crate::harness::exchange::{MovingVehicle, ServiceExchange, connect};
-use crate::harness::latency::{cells, microseconds, summary, table, three_digits};
+use crate::harness::exchange::{MovingVehicle, ServiceExchange, connect, send_at_rate};
+use crate::harness::latency::{cells, summary};
 use crate::harness::machine::Machine;
-use crate::harness::processes::{Child, OwnDomain, stop_flag};
-use crate::service::{TriggerMode, parse_rate_hz, parse_seconds, send_at_rate};
+use crate::harness::options::parse_seconds;
+use crate::harness::output::{
+    microseconds, progress_bar, say_if_stopped, show, table, three_digits, warn_of_debug_build,
+};
+use crate::harness::processes::{Child, OwnDomain, PATIENCE, ServiceSettings, stop_flag};
 use anyhow::{Context, ensure};
 use clap::builder::RangedU64ValueParser;
-use indicatif::{ProgressBar, ProgressStyle};
 use serde::Serialize;
 use shared_types::payload::{Status, command};
 use shared_types::service::MAX_READERS;
-use shared_types::{Client, LatencySummary, logln, outln};
+use shared_types::{Client, LatencySummary, outln};
 use std::fs;
 use std::os::unix::fs::MetadataExt;
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-const PATIENCE: Duration = Duration::from_secs(10);
 /// Preset and scenario of every vehicle.
 const RIGID_BODY: &str = "rigid-body";
-/// Places that the measurement itself takes among the readers: a client for status, one reader in hand.
+const RATE_HZ: f64 = 200.0;
+/// Places that the measurement itself takes among the readers: a client for status, one reader in reserve.
 const OWN_READERS: u64 = 2;
 
 /// Cost of further readers and further vehicles on one machine.
 #[derive(Debug, Clone, clap::Args)]
-pub struct LoadArguments {
+pub(crate) struct LoadArguments {
     /// Readers of one service.
     #[arg(long, value_name = "N,N,…", value_delimiter = ',', default_value = "1,4,16", value_parser = RangedU64ValueParser::<u64>::new().range(1..=MAX_READERS as u64 - OWN_READERS))]
     readers: Vec<u64>,
-    /// Vehicles on this machine, each with a service and a publisher.
+    /// Vehicles on this machine, each with a service and a publisher at 200 Hz.
     #[arg(long, value_name = "N,N,…", value_delimiter = ',', default_value = "1,2,4,8", value_parser = RangedU64ValueParser::<u64>::new().range(1..=64))]
     instances: Vec<u64>,
-    /// Rate of each vehicle.
-    #[arg(long, value_name = "HZ", default_value_t = 200.0, value_parser = parse_rate_hz)]
-    rate_hz: f64,
     /// Length of the run for each number.
     #[arg(long, value_name = "S", default_value_t = 5.0, value_parser = parse_seconds)]
     seconds: f64,
@@ -56,74 +55,54 @@ pub struct LoadArguments {
 ///
 /// # Errors
 /// A process that does not start, shared memory that cannot be used.
-pub fn run(arguments: &LoadArguments) -> anyhow::Result<()> {
-    if cfg!(debug_assertions) {
-        logln!("warning: this is a debug build, its latencies mean nothing; use cargo run --release");
-    }
+pub(crate) fn run(arguments: &LoadArguments) -> anyhow::Result<()> {
+    warn_of_debug_build();
     let seconds = if arguments.quick { 0.3 } else { arguments.seconds };
     let stop = stop_flag()?;
     let machine = Machine::found();
-    let style = ProgressStyle::with_template("{msg:14} {bar:40} {elapsed} of about {duration}");
-    let progress = ProgressBar::new((arguments.readers.len() + arguments.instances.len()) as u64)
-        .with_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()));
+    let n_runs = arguments.readers.len() + arguments.instances.len();
+    let progress = progress_bar(n_runs as u64, "{msg:14} {bar:40} {elapsed} of about {duration}");
     progress.enable_steady_tick(Duration::from_millis(500));
-    let (mut readers, mut instances) = (Vec::new(), Vec::new());
+    let mut report = Report { machine: &machine, preset: RIGID_BODY, readers: vec![], instances: vec![] };
     for &n_readers in &arguments.readers {
         progress.set_message(format!("{n_readers} readers"));
         if !stop.load(Ordering::Relaxed) {
-            readers.push(with_readers(n_readers, arguments.rate_hz, seconds, &machine, &stop)?);
+            report.readers.push(with_readers(n_readers, seconds, &machine, &stop)?);
         }
         progress.inc(1);
     }
     for &n_instances in &arguments.instances {
         progress.set_message(format!("{n_instances} vehicles"));
         if !stop.load(Ordering::Relaxed) {
-            instances.push(with_instances(n_instances, arguments.rate_hz, seconds, &machine, &stop)?);
+            report.instances.push(with_instances(n_instances, seconds, &machine, &stop)?);
         }
         progress.inc(1);
     }
     progress.finish_and_clear();
-    if stop.load(Ordering::Relaxed) {
-        logln!("bench: stopped; the figures are those of the part that ran");
-    }
-    let report =
-        Report { machine: &machine, preset: RIGID_BODY, rate_hz: arguments.rate_hz, readers, instances };
-    match arguments.json {
-        true => outln!("{}", serde_json::to_string_pretty(&report)?),
-        false => report.print(),
-    }
-    Ok(())
+    say_if_stopped(&stop);
+    show(arguments.json, &report, || report.print())
 }
 
-fn start_service(
-    domain: &OwnDomain,
-    instance: &str,
-    mode: TriggerMode,
-    rate_hz: f64,
-    cores: &[usize],
-) -> anyhow::Result<(Child, Client)> {
-    let service = Child::start_service(domain, instance, &mode.settings(RIGID_BODY, rate_hz, 0.0), cores)?;
-    let client = Client::connect(domain.domain(), instance, PATIENCE)
-        .or_else(|error| Err(error).with_context(|| service.log()))?;
-    Ok((service, client))
+fn settings(trigger: &str) -> ServiceSettings<'_> {
+    ServiceSettings { preset: RIGID_BODY, trigger, rate_hz: RATE_HZ, spin_us: 0.0 }
 }
 
 fn status(client: &Client) -> anyhow::Result<Status> {
     Ok(client.command(command::STATUS, PATIENCE)?.status)
 }
 
-/// One service with this many readers, all in this process; the first polls, the others look after it has
-/// its estimate.
+/// One polling service with this many readers, all in this process. The first polls; the others look after it has its
+/// estimate.
 fn with_readers(
     n_readers: u64,
-    rate_hz: f64,
     seconds: f64,
     machine: &Machine,
     stop: &AtomicBool,
 ) -> anyhow::Result<ReadersRow> {
-    let core = machine.other_core()?;
     let domain = OwnDomain::new()?;
-    let (service, client) = start_service(&domain, "vehicle", TriggerMode::Sample, rate_hz, &[core])?;
+    let core = machine.other_core()?;
+    let service = Child::start_service(&domain, "vehicle", &settings("sample"), &[core])?;
+    let client = service.connect(&domain, "vehicle")?;
     let mut exchange = ServiceExchange::of(&client)?;
     let others = (1..n_readers).map(|_| client.estimate_subscriber());
     let mut others = others.collect::<Result<Vec<_>, _>>()?;
@@ -134,11 +113,10 @@ fn with_readers(
             while let Ok(Some(_)) = reader.take() {}
         }
     };
-    let mut seen = send_at_rate(&mut exchange, &mut vehicle, rate_hz, seconds, look, stop)?;
+    let mut seen = send_at_rate(&mut exchange, &mut vehicle, RATE_HZ, seconds, look, stop)?;
     let (status, shm_bytes) = (status(&client)?, shm_bytes(&domain)?);
     drop((others, exchange, client));
-    service.terminate();
-    service.finish()?;
+    service.stop()?;
     Ok(ReadersRow {
         readers: n_readers,
         step_ns: status.step_ns,
@@ -150,7 +128,6 @@ fn with_readers(
 /// This many vehicles at once, on all cores.
 fn with_instances(
     n_instances: u64,
-    rate_hz: f64,
     seconds: f64,
     machine: &Machine,
     stop: &AtomicBool,
@@ -160,50 +137,47 @@ fn with_instances(
     let mut vehicles = Vec::new();
     for i in 0..n_instances {
         let name = format!("v{i}");
-        let (service, client) = start_service(&domain, &name, TriggerMode::Timer, rate_hz, &cores)?;
-        let rate_hz = rate_hz.to_string();
+        let service = Child::start_service(&domain, &name, &settings("timer"), &cores)?;
+        let client = service.connect(&domain, &name)?;
+        let rate_hz = RATE_HZ.to_string();
         let publisher =
             ["sim_publisher", "run", "--scenario", RIGID_BODY, "--rate-hz", &rate_hz, "--instance", &name];
-        vehicles.push(Vehicle { service, publisher: Child::start_on(&domain, &publisher, &cores)?, client });
+        vehicles.push(Vehicle { client, publisher: Child::start_on(&domain, &publisher, &cores)?, service });
     }
     for vehicle in &vehicles {
         vehicle.wait_for_samples()?;
     }
-    let before = vehicles.iter().map(Vehicle::used).collect::<anyhow::Result<Vec<_>>>()?;
-    let started = Instant::now();
+    let used = || vehicles.iter().map(Vehicle::used).collect::<anyhow::Result<Vec<_>>>();
+    let (before, started) = (used()?, Instant::now());
     while started.elapsed().as_secs_f64() < seconds && !stop.load(Ordering::Relaxed) {
         std::thread::sleep(Duration::from_millis(20));
     }
-    let after = vehicles.iter().map(Vehicle::used).collect::<anyhow::Result<Vec<_>>>()?;
-    let elapsed_s = started.elapsed().as_secs_f64();
-    let shm_bytes = shm_bytes(&domain)?;
+    let (after, elapsed_s) = (used()?, started.elapsed().as_secs_f64());
 
-    let of_all = |of: &dyn Fn(&Used) -> u64| -> Vec<u64> { after.iter().map(of).collect() };
-    let mean = |values: Vec<u64>| values.iter().sum::<u64>() / values.len().max(1) as u64;
-    let (mut service_ns, mut publisher_ns, mut ticks) = (0, 0, 0);
-    for (before, after) in before.iter().zip(&after) {
-        service_ns += after.service_ns - before.service_ns;
-        publisher_ns += after.publisher_ns - before.publisher_ns;
-        ticks += after.status.ticks - before.status.ticks;
-    }
-    let worst = |of: fn(&Status) -> LatencySummary| {
+    let sum = |of: fn(&Used) -> u64| after.iter().map(of).sum::<u64>();
+    let rise = |of: fn(&Used) -> u64| sum(of) - before.iter().map(of).sum::<u64>();
+    let slowest = |of: fn(&Status) -> LatencySummary| {
         after.iter().map(|used| of(&used.status)).max_by_key(|found| found.p50).unwrap_or_default()
     };
+    let ticks = rise(|used| used.status.ticks);
+    let core_share = |cpu_ns: u64| cpu_ns as f64 * 1e-9 / elapsed_s / n_instances as f64;
     let row = InstancesRow {
         instances: n_instances,
         ticks,
-        deadline_misses: of_all(&|used| used.status.deadline_misses).iter().sum(),
-        step_ns: worst(|status| status.step_ns),
-        wake_up_lateness_ns: worst(|status| status.wake_up_lateness_ns),
-        service_cpu_ns_per_tick: service_ns / ticks.max(1),
-        service_cpu_share: service_ns as f64 * 1e-9 / elapsed_s / n_instances as f64,
-        publisher_cpu_share: publisher_ns as f64 * 1e-9 / elapsed_s / n_instances as f64,
-        service_rss_bytes: mean(of_all(&|used| used.rss_bytes)),
-        service_private_bytes: mean(of_all(&|used| used.private_bytes)),
-        shm_bytes,
+        deadline_misses: sum(|used| used.status.deadline_misses),
+        step_ns: slowest(|status| status.step_ns),
+        wake_up_lateness_ns: slowest(|status| status.wake_up_lateness_ns),
+        service_cpu_ns_per_tick: rise(|used| used.service_ns) / ticks.max(1),
+        service_cpu_share: core_share(rise(|used| used.service_ns)),
+        publisher_cpu_share: core_share(rise(|used| used.publisher_ns)),
+        service_rss_bytes: sum(|used| used.rss_bytes) / n_instances,
+        service_private_bytes: sum(|used| used.private_bytes) / n_instances,
+        shm_bytes: shm_bytes(&domain)?,
     };
-    for vehicle in vehicles {
-        vehicle.finish()?;
+    for Vehicle { client, publisher, service } in vehicles {
+        drop(client);
+        publisher.stop()?;
+        service.stop()?;
     }
     Ok(row)
 }
@@ -244,16 +218,6 @@ impl Vehicle {
             private_bytes,
         })
     }
-
-    fn finish(self) -> anyhow::Result<()> {
-        let Self { client, publisher, service } = self;
-        drop(client);
-        for process in [publisher, service] {
-            process.terminate();
-            process.finish()?;
-        }
-        Ok(())
-    }
 }
 
 /// Processor time of all threads of a process (ns).
@@ -271,15 +235,12 @@ fn cpu_ns(pid: u32) -> anyhow::Result<u64> {
 fn resident_bytes(pid: u32) -> anyhow::Result<(u64, u64)> {
     let file = format!("/proc/{pid}/smaps_rollup");
     let text = fs::read_to_string(&file)?;
-    let sum_of = |names: &[&str]| -> anyhow::Result<u64> {
-        let lines = text.lines().filter_map(|line| line.split_once(':'));
-        let values = lines.filter(|(name, _)| names.contains(name)).map(|(_, value)| {
-            let kilobytes = value.split_whitespace().next().and_then(|value| value.parse::<u64>().ok());
-            Ok(1024 * kilobytes.with_context(|| format!("{file}: '{value}'"))?)
-        });
-        values.sum()
+    let bytes = |name: &str| {
+        let value = text.lines().find_map(|line| line.strip_prefix(name)?.trim().strip_suffix(" kB"));
+        let kilobytes = value.and_then(|value| value.parse::<u64>().ok());
+        kilobytes.map(|kb| 1024 * kb).with_context(|| format!("{file} has no {name}"))
     };
-    Ok((sum_of(&["Rss"])?, sum_of(&["Private_Clean", "Private_Dirty"])?))
+    Ok((bytes("Rss:")?, bytes("Private_Clean:")? + bytes("Private_Dirty:")?))
 }
 
 /// Memory that the domain's segments and files take.
@@ -288,7 +249,7 @@ fn shm_bytes(domain: &OwnDomain) -> anyhow::Result<u64> {
         let entries = fs::read_dir(path).into_iter().flatten().flatten().map(|entry| entry.path());
         entries.map(|path| if path.is_dir() { below(&path) } else { bytes(&path) }).sum()
     }
-    // Blocks, not length: a page that nobody touched takes no memory.
+    // Blocks, not length: an untouched page takes no memory.
     fn bytes(path: &Path) -> u64 {
         fs::symlink_metadata(path).map_or(0, |metadata| 512 * metadata.blocks())
     }
@@ -333,7 +294,6 @@ struct InstancesRow {
 struct Report<'a> {
     machine: &'a Machine,
     preset: &'a str,
-    rate_hz: f64,
     readers: Vec<ReadersRow>,
     instances: Vec<InstancesRow>,
 }
@@ -342,22 +302,22 @@ impl Report<'_> {
     fn print(&self) {
         self.machine.print();
         let megabytes = |bytes: u64| three_digits(bytes as f64 * 1e-6);
+        let percent = |share: f64| three_digits(100.0 * share);
         let median_and_p99 = |found: LatencySummary| [microseconds(found.p50), microseconds(found.p99)];
-        outln!("\nreaders of one service that polls, preset {}, {} Hz", self.preset, self.rate_hz);
+        outln!("\nreaders of one service that polls, preset {}, {RATE_HZ} Hz", self.preset);
         let row = |row: &ReadersRow| {
             let [_, seen_p50, _, seen_p99, ..] = cells(row.source_to_estimate_ns);
             let [step_p50, step_p99] = median_and_p99(row.step_ns);
-            vec![row.readers.to_string(), step_p50, step_p99, seen_p50, seen_p99, megabytes(row.shm_bytes)]
+            [row.readers.to_string(), step_p50, step_p99, seen_p50, seen_p99, megabytes(row.shm_bytes)]
         };
         let header =
             ["readers", "step p50 (µs)", "p99", "stamp to estimate p50 (µs)", "p99", "shared memory (MB)"];
         outln!("{}", table(&header, 0, self.readers.iter().map(row)));
-        outln!("\nvehicles, each a service and a publisher, at {} Hz with a timer", self.rate_hz);
+        outln!("\nvehicles, each a service and a publisher, at {RATE_HZ} Hz with a timer");
         let row = |row: &InstancesRow| {
             let [step_p50, step_p99] = median_and_p99(row.step_ns);
             let [late_p50, late_p99] = median_and_p99(row.wake_up_lateness_ns);
-            let percent = |share: f64| three_digits(100.0 * share);
-            vec![
+            [
                 row.instances.to_string(),
                 step_p50,
                 step_p99,

@@ -66,8 +66,7 @@ fn wrong_usage_is_told_from_failure() {
 /// The keys that scripts rely on, and a reason beside every figure that was not measured.
 #[test]
 fn the_document_of_the_step_has_its_keys() {
-    let small =
-        ["step", "--centers", "8,27", "--samples", "100", "--literal-up-to", "8", "--krls-up-to", "8"];
+    let small = ["step", "--centers", "8,27", "--samples", "100", "--literal-up-to", "8"];
     let output = bench(&[&small[..], &["--json"]].concat()).output().unwrap();
     assert!(output.status.success(), "{}", text(&output.stderr));
     let document: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
@@ -83,14 +82,15 @@ fn the_document_of_the_step_has_its_keys() {
             document["quantiles"].as_array().unwrap().len()
         );
         assert!(row["kalman_ratio"].is_number());
-        for key in ["literal_ratio", "krls_ratio"] {
-            assert_eq!(row[key].is_number(), n_centers == 8, "{key}");
-            assert_eq!(row[format!("{key}_reason")].is_string(), n_centers == 27, "{key}");
-        }
+        assert_eq!(row["literal_ratio"].is_number(), n_centers == 8);
+        assert_eq!(row["literal_ratio_reason"].is_string(), n_centers == 27);
     }
     let table = bench(&small).output().unwrap();
     let table = text(&table.stdout);
-    assert!(table.contains("A dense step grows as N to the") && table.contains("KRLS takes ×"), "{table}");
+    assert!(
+        table.contains("A dense step grows as N to the") && table.contains("The literal formula takes ×"),
+        "{table}"
+    );
 }
 
 fn recorded_flight() -> Option<PathBuf> {

@@ -1,17 +1,22 @@
 //! Latencies: quantiles, histograms, and how tables show them.
 
-use comfy_table::{CellAlignment, Table, presets};
+use super::output::microseconds;
 use serde::Serialize;
 use shared_types::LatencySummary;
 
-/// Nearest-rank quantiles: the smallest sample that a share q of all samples does not exceed. `None` without
-/// samples. Sorts them.
+/// The smallest sample that a share `q` of all samples does not exceed (nearest rank).
+///
+/// # Panics
+/// Without samples.
+pub(crate) fn quantile(sorted: &[u64], q: f64) -> u64 {
+    let rank = (q * sorted.len() as f64).ceil() as usize;
+    sorted[rank.clamp(1, sorted.len()) - 1]
+}
+
+/// Sorts the samples, and tells their quantiles; `None` without samples.
 pub(crate) fn summary(samples_ns: &mut [u64]) -> Option<LatencySummary> {
     samples_ns.sort_unstable();
-    let quantile = |q: f64| {
-        let rank = (q * samples_ns.len() as f64).ceil() as usize;
-        samples_ns[rank.clamp(1, samples_ns.len()) - 1]
-    };
+    let quantile = |q: f64| quantile(samples_ns, q);
     (!samples_ns.is_empty()).then(|| LatencySummary {
         count: samples_ns.len() as u64,
         p50: quantile(0.5),
@@ -47,29 +52,14 @@ pub(crate) fn histogram(samples_ns: &[u64]) -> Vec<Bin> {
 
 /// A histogram as lines of text.
 pub(crate) fn bars(bins: &[Bin]) -> String {
-    const LONGEST: u64 = 50;
+    const MAX_LENGTH: u64 = 50;
     let most = bins.iter().map(|bin| bin.count).max().unwrap_or(1).max(1);
     let line = |bin: &Bin| {
-        let length = (bin.count * LONGEST).div_ceil(most) as usize;
+        let length = (bin.count * MAX_LENGTH).div_ceil(most) as usize;
         let range = format!("{} … {} µs", microseconds(bin.from_ns), microseconds(bin.to_ns));
         format!("  {range:>22}  {} {}\n", "█".repeat(length), bin.count)
     };
     bins.iter().map(line).collect()
-}
-
-/// Three digits of a time in microseconds.
-pub(crate) fn microseconds(ns: u64) -> String {
-    three_digits(ns as f64 * 1e-3)
-}
-
-/// Three digits, without an exponent.
-pub(crate) fn three_digits(value: f64) -> String {
-    match value {
-        _ if value < 0.9995 => format!("{value:.3}"),
-        _ if value < 9.995 => format!("{value:.2}"),
-        _ if value < 99.95 => format!("{value:.1}"),
-        _ => format!("{value:.0}"),
-    }
 }
 
 /// What [`cells`] holds.
@@ -86,19 +76,6 @@ pub(crate) fn cells(summary: Option<LatencySummary>) -> [String; 6] {
     )
 }
 
-/// A table whose first columns name a row, and whose others hold numbers.
-pub(crate) fn table(header: &[&str], n_names: usize, rows: impl IntoIterator<Item = Vec<String>>) -> Table {
-    let mut table = Table::new();
-    table.load_style(presets::UTF8_FULL_CONDENSED).set_header(header.iter().copied());
-    for row in rows {
-        table.add_row(row);
-    }
-    for column in table.column_iter_mut().skip(n_names) {
-        column.set_cell_alignment(CellAlignment::Right);
-    }
-    table
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -109,7 +86,8 @@ mod tests {
         let mut samples: Vec<u64> = (1..=1000).rev().collect();
         let LatencySummary { count, p50, p90, p99, p999, max } = summary(&mut samples).unwrap();
         assert_eq!([count, p50, p90, p99, p999, max], [1000, 500, 900, 990, 999, 1000]);
-        assert_eq!(summary(&mut [7]).unwrap().p999, 7);
+        assert_eq!([0.0, 0.001, 0.0011].map(|q| quantile(&samples, q)), [1, 1, 2]);
+        assert_eq!(quantile(&[1, 9], 0.5), 1);
         assert_eq!(summary(&mut []), None);
     }
 

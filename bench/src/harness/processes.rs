@@ -4,7 +4,7 @@ use anyhow::{Context, bail};
 use daemon::config::PRESETS;
 use daemon::realtime;
 use rustix::process::{Pid, Signal, WaitOptions, kill_process, waitpid};
-use shared_types::Domain;
+use shared_types::{Client, Domain};
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 use std::fs::File;
 use std::io::{Read, Seek, Write};
@@ -12,7 +12,11 @@ use std::os::unix::process::CommandExt;
 use std::process::{Command, Stdio};
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
+use std::time::Duration;
 use tempfile::NamedTempFile;
+
+/// How long a process may take to answer.
+pub(crate) const PATIENCE: Duration = Duration::from_secs(10);
 
 /// Set by Ctrl-C and its like, from now on: a measurement ends early, in order.
 pub(crate) fn stop_flag() -> anyhow::Result<Arc<AtomicBool>> {
@@ -108,7 +112,7 @@ impl Child {
             .args(arguments)
             .arg("--root")
             .arg(domain.domain().root())
-            // What a measurement teaches is nobody's to keep.
+            // What is learned in a measurement is not kept.
             .env("OBSERVER_STATE", "none")
             .stdin(Stdio::null())
             .stdout(output.try_clone()?)
@@ -149,6 +153,27 @@ impl Child {
     pub(crate) fn terminate(&self) {
         // It may have ended already.
         let _ = kill_process(Pid::from_child(&self.process), Signal::TERM);
+    }
+
+    /// Asks it to end, and waits until it has.
+    pub(crate) fn stop(self) -> anyhow::Result<()> {
+        self.terminate();
+        self.finish().map(drop)
+    }
+
+    /// Connects to its service's instance; an error tells what it logged.
+    pub(crate) fn connect(&self, domain: &OwnDomain, instance: &str) -> anyhow::Result<Client> {
+        Client::connect(domain.domain(), instance, PATIENCE)
+            .or_else(|error| Err(error).with_context(|| self.log()))
+    }
+
+    /// Waits for the end of a vehicle and returns the document that it printed, and how many samples it sent.
+    pub(crate) fn finish_with_summary(self) -> anyhow::Result<(serde_json::Value, u64)> {
+        let summary: serde_json::Value =
+            serde_json::from_str(&self.finish()?).context("read the vehicle's summary")?;
+        let n_samples =
+            summary["samples_published"].as_u64().context("the vehicle's summary has no samples")?;
+        Ok((summary, n_samples))
     }
 
     /// Waits for its end and returns what it printed.

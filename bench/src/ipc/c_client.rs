@@ -5,16 +5,15 @@
 
 use crate::harness::exchange::MovingVehicle;
 use crate::harness::latency::summary;
-use crate::harness::processes::OwnDomain;
+use crate::harness::processes::{OwnDomain, PATIENCE};
 use anyhow::{anyhow, bail};
 use observer_client::{Handle, observer_close, ports, through_c};
 use serde::Serialize;
 use shared_types::client::{Latest, MeasurementPublisher, Stream};
 use shared_types::clock::monotonic_ns;
 use shared_types::{Client, Estimate, LatencySummary, Measurement};
-use std::time::Duration;
+use std::sync::atomic::{AtomicBool, Ordering};
 
-const PATIENCE: Duration = Duration::from_secs(10);
 const TRIP_PATIENCE_NS: u64 = 1_000_000_000;
 /// Samples of each client that are not timed: until the echo has connected, and all is in the caches.
 const UNTIMED: usize = 100;
@@ -130,12 +129,12 @@ pub(crate) struct Comparison {
     pub(crate) calls: Vec<Call>,
 }
 
-/// Compares the clients with the echo of `instance`, by so many samples of each.
+/// Compares the clients with the echo of `instance`, by `n_samples` of each.
 pub(crate) fn compare(
     domain: &OwnDomain,
     instance: &str,
     n_samples: usize,
-    stopped: &dyn Fn() -> bool,
+    stop: &AtomicBool,
 ) -> anyhow::Result<Comparison> {
     let client = Client::connect(domain.domain(), instance, PATIENCE)?;
     let mut rust = Rust {
@@ -150,7 +149,7 @@ pub(crate) fn compare(
     let (mut rust_times, mut c_times) = (Times::default(), Times::default());
     let mut silent = 0;
     for i in 0..UNTIMED + n_samples {
-        if stopped() {
+        if stop.load(Ordering::Relaxed) {
             break;
         }
         let both =

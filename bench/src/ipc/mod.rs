@@ -7,35 +7,34 @@
 //! | service | `Client` publishes a [`Measurement`], a `daemon run` that polls takes, judges and steps it, and publishes an [`Estimate`] that `Client` polls for |
 //! | bare | the same two payloads through iceoryx2's ports alone, another process echoing them |
 //!
-//! Both sides of both ways copy the payloads out of shared memory, as anyone does who uses them.
-//! Whoever is not measured is stopped (SIGSTOP): it does not compete for the core of the other.
-//! Then the calls of the C client beside those of the Rust client that it wraps.
+//! Both sides of both ways copy the payloads out of shared memory, as a user's program does. The process that is not
+//! measured is stopped (SIGSTOP), so that it does not compete for the other's core. Then follow the calls of the C client
+//! beside those of the Rust client that it wraps.
 
 mod c_client;
 
 use crate::harness::exchange::{Exchange, MovingVehicle, Reply, ServiceExchange, Trip, connect, round_trip};
-use crate::harness::latency::{HEADER, cells, summary, table, three_digits};
+use crate::harness::latency::{HEADER, cells, summary};
 use crate::harness::machine::Machine;
-use crate::harness::processes::{Child, OwnDomain, ServiceSettings, stop_flag};
+use crate::harness::output::{progress_bar, say_if_stopped, show, table, three_digits, warn_of_debug_build};
+use crate::harness::processes::{Child, OwnDomain, PATIENCE, ServiceSettings, stop_flag};
 use anyhow::{Context, anyhow, bail};
 use c_client::Comparison;
 use daemon::config::PRESETS;
 use iceoryx2::port::publisher::Publisher;
 use iceoryx2::port::subscriber::Subscriber;
 use iceoryx2::prelude::ipc;
-use indicatif::{ProgressBar, ProgressStyle};
 use serde::Serialize;
 use shared_types::clock::monotonic_ns;
 use shared_types::payload::{Estimate, Measurement};
 use shared_types::service::{self, Node, ServiceError, Services, Topic};
-use shared_types::{Client, Domain, LatencySummary, logln, outln};
+use shared_types::{Domain, LatencySummary, outln};
 use std::ffi::OsString;
 use std::hint::black_box;
 use std::path::Path;
-use std::sync::atomic::Ordering;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-const PATIENCE: Duration = Duration::from_secs(10);
 const TRIP_PATIENCE_NS: u64 = 1_000_000_000;
 /// Instance of the services between the two bare sides.
 const BARE: &str = "bare";
@@ -68,17 +67,14 @@ pub struct IpcArguments {
 /// # Errors
 /// Fewer than two cores, a process that does not start or answer, shared memory that cannot be used.
 pub fn run(arguments: &IpcArguments) -> anyhow::Result<()> {
-    if cfg!(debug_assertions) {
-        logln!("warning: this is a debug build, its latencies mean nothing; use cargo run --release");
-    }
+    warn_of_debug_build();
     let stop = stop_flag()?;
     let machine = Machine::found();
     let report = match machine.other_core() {
         Ok(core) => {
             let n_samples = if arguments.quick { 5000 } else { arguments.samples as usize };
-            let stopped = || stop.load(Ordering::Relaxed);
-            let (service, bare) = measure(arguments, n_samples, core, &stopped)?;
-            let clients = compare_clients(n_samples, core, &stopped);
+            let (service, bare) = measure(arguments, n_samples, core, &stop)?;
+            let clients = compare_clients(n_samples, core, &stop);
             Report::of(&machine, arguments, Ok((core, service, bare)), clients)
         }
         Err(error) => {
@@ -86,11 +82,7 @@ pub fn run(arguments: &IpcArguments) -> anyhow::Result<()> {
             Report::of(&machine, arguments, Err(error), Err(anyhow!(reason)))
         }
     };
-    match arguments.json {
-        true => outln!("{}", serde_json::to_string_pretty(&report)?),
-        false => report.print(),
-    }
-    Ok(())
+    show(arguments.json, &report, || report.print())
 }
 
 /// Times of one way (ns).
@@ -162,8 +154,7 @@ impl<E: Exchange> Contestant<E> {
     fn finish(self) -> anyhow::Result<Times> {
         drop(self.exchange);
         self.other_side.go_on()?;
-        self.other_side.terminate();
-        self.other_side.finish()?;
+        self.other_side.stop()?;
         Ok(self.times)
     }
 }
@@ -172,46 +163,40 @@ fn measure(
     arguments: &IpcArguments,
     n_samples: usize,
     core: usize,
-    stopped: &dyn Fn() -> bool,
+    stop: &AtomicBool,
 ) -> anyhow::Result<(Times, Times)> {
     let domain = OwnDomain::new()?;
     let settings =
         ServiceSettings { preset: &arguments.preset, trigger: "sample", rate_hz: 200.0, spin_us: 0.0 };
     let service = Child::start_service(&domain, "vehicle", &settings, &[core])?;
-    let client = Client::connect(domain.domain(), "vehicle", PATIENCE)
-        .or_else(|error| Err(error).with_context(|| service.log()))?;
+    let client = service.connect(&domain, "vehicle")?;
     let mut service = Contestant::new(ServiceExchange::of(&client)?, service, n_samples)?;
     let echo = Child::start_on(&domain, &["echo"], &[core])?;
     let bare = BareExchange::open(domain.domain(), PATIENCE)
         .or_else(|error| Err(error).with_context(|| echo.log()))?;
     let mut bare = Contestant::new(bare, echo, n_samples)?;
 
-    let style = ProgressStyle::with_template("{bar:40} {elapsed} of about {duration}");
-    let progress =
-        ProgressBar::new(n_samples as u64).with_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()));
+    let progress = progress_bar(n_samples as u64, "{bar:40} {elapsed} of about {duration}");
     let pause = Duration::from_micros(arguments.pause_us.into());
-    while service.times.whole.len() < n_samples && !stopped() {
+    while service.times.whole.len() < n_samples && !stop.load(Ordering::Relaxed) {
         let n_trips = (arguments.batch as usize).min(n_samples - service.times.whole.len());
         service.batch(n_trips, pause)?;
         bare.batch(n_trips, pause)?;
         progress.inc(n_trips as u64);
     }
     progress.finish_and_clear();
-    if stopped() {
-        logln!("bench: stopped; the figures are those of the part that ran");
-    }
+    say_if_stopped(stop);
     let times = (service.finish()?, bare.finish()?);
     drop(client);
     Ok(times)
 }
 
 /// With an echo of their own, so that their ports cost the round trips above nothing.
-fn compare_clients(n_samples: usize, core: usize, stopped: &dyn Fn() -> bool) -> anyhow::Result<Comparison> {
+fn compare_clients(n_samples: usize, core: usize, stop: &AtomicBool) -> anyhow::Result<Comparison> {
     let domain = OwnDomain::new()?;
     let echo = Child::start_on(&domain, &["echo"], &[core])?;
-    let compared = c_client::compare(&domain, BARE, n_samples, stopped).with_context(|| echo.log());
-    echo.terminate();
-    echo.finish()?;
+    let compared = c_client::compare(&domain, BARE, n_samples, stop).with_context(|| echo.log());
+    echo.stop()?;
     compared
 }
 

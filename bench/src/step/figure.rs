@@ -1,7 +1,7 @@
 //! Latency over N, on logarithmic axes.
 
-use super::Solver;
 use super::report::{Rival, Row};
+use super::subject::Solver;
 use crate::plot::{Figure, Line, LineStyle, Panel};
 use std::path::Path;
 
