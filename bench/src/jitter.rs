@@ -22,7 +22,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 /// Lateness of the cycle's wake-up, by scheduling and rate, beside cyclictest.
 #[derive(Debug, Clone, clap::Args)]
-pub struct JitterArguments {
+pub(crate) struct JitterArguments {
     /// Rates of the timer.
     #[arg(long, value_name = "HZ,HZ,…", value_delimiter = ',', default_value = "100,200,1000,4000", value_parser = parse_rate_hz)]
     rates_hz: Vec<f64>,
@@ -81,7 +81,7 @@ impl Mode {
 /// # Errors
 /// A cyclictest that fails although it is there. What the system does not grant is no error: its rows are
 /// null and say why.
-pub fn run(arguments: &JitterArguments) -> anyhow::Result<()> {
+pub(crate) fn run(arguments: &JitterArguments) -> anyhow::Result<()> {
     warn_of_debug_build();
     let stop = stop_flag()?;
     let machine = Machine::found();

@@ -23,7 +23,7 @@ use std::time::Duration;
 /// When the service looks for samples.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum, Serialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum TriggerMode {
+pub(crate) enum TriggerMode {
     /// At each tick of its timer.
     Timer,
     /// The same, and the last microseconds of each wait are spent polling the clock.
@@ -54,7 +54,7 @@ impl TriggerMode {
 
 /// Latency from a sample's stamp to its estimate, by trigger and rate.
 #[derive(Debug, Clone, clap::Args)]
-pub struct ServiceArguments {
+pub(crate) struct ServiceArguments {
     /// Rates of samples and ticks.
     #[arg(long, value_name = "HZ,HZ,…", value_delimiter = ',', default_value = "100,200,1000", value_parser = parse_rate_hz)]
     rates_hz: Vec<f64>,
@@ -92,7 +92,7 @@ pub struct ServiceArguments {
 /// # Errors
 /// Fewer than two cores, a service that does not start, shared memory that cannot be used, a plot that
 /// cannot be written.
-pub fn run(arguments: &ServiceArguments) -> anyhow::Result<()> {
+pub(crate) fn run(arguments: &ServiceArguments) -> anyhow::Result<()> {
     if let Some(file) = &arguments.plot {
         plot::check_target(file)?;
     }

@@ -26,7 +26,7 @@ const LOAD_MB: usize = 64;
 
 /// A long run under load.
 #[derive(Debug, Clone, clap::Args)]
-pub struct SoakArguments {
+pub(crate) struct SoakArguments {
     /// Length of the run.
     #[arg(long, value_name = "S", default_value_t = 600.0, value_parser = parse_seconds)]
     seconds: f64,
@@ -74,7 +74,7 @@ struct Report {
 ///
 /// # Errors
 /// A process does not start; a sample is neither used nor counted; memory grows.
-pub fn run(arguments: &SoakArguments) -> anyhow::Result<()> {
+pub(crate) fn run(arguments: &SoakArguments) -> anyhow::Result<()> {
     let stop = stop_flag()?;
     let domain = OwnDomain::new()?;
     let files = tempfile::tempdir().context("make a directory for the flight record")?;

@@ -45,15 +45,12 @@ fn has_two_cores() -> bool {
 
 #[test]
 fn round_trips_are_compared_and_nothing_stays() {
+    if !has_two_cores() {
+        return;
+    }
     let found = document(&["ipc", "--samples", "120", "--batch", "50"]);
     assert_machine(&found);
     let counts = ["service_ns", "bare_ns"].map(|key| assert_quantiles(&found, key));
-    if !has_two_cores() {
-        assert_eq!(counts, [None, None]);
-        assert!(found["service_over_bare_median_reason"].is_string());
-        assert!(found["client_calls_reason"].is_string());
-        return;
-    }
     assert_eq!(counts, [Some(120), Some(120)]);
     let median = |key: &str| found[key]["p50"].as_f64().unwrap();
     let ratio = median("service_ns") / median("bare_ns");
@@ -64,27 +61,14 @@ fn round_trips_are_compared_and_nothing_stays() {
             assert_eq!(assert_quantiles(&found[way], part), Some(120));
         }
     }
-    let calls = found["client_calls"]["calls"].as_array().unwrap();
-    assert_eq!(
-        calls.iter().map(|call| call["call"].as_str().unwrap()).collect::<Vec<_>>(),
-        ["publish", "take", "peek"]
-    );
-    for call in calls {
-        assert!(
-            assert_quantiles(call, "rust_ns") > Some(0) && assert_quantiles(call, "c_ns") > Some(0),
-            "{call}"
-        );
-        assert!(call["c_over_rust_median"].as_f64().unwrap() > 0.0);
-    }
 }
 
 #[test]
 fn a_round_trip_is_shown_as_a_table_too_and_wrong_options_are_refused() {
-    let output = bench(&["ipc", "--samples", "20", "--pause-us", "50"]).output().unwrap();
-    assert!(output.status.success(), "{}", text(&output.stderr));
     if has_two_cores() {
+        let output = bench(&["ipc", "--samples", "20", "--pause-us", "50"]).output().unwrap();
+        assert!(output.status.success(), "{}", text(&output.stderr));
         assert!(text(&output.stdout).contains("bare: round trip"), "{}", text(&output.stdout));
-        assert!(text(&output.stdout).contains("publish: C "), "{}", text(&output.stdout));
     }
     let code = |arguments: &[&str]| bench(arguments).output().unwrap().status.code();
     assert_eq!(code(&["ipc", "--samples", "0"]), Some(2));

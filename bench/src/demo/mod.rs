@@ -49,7 +49,7 @@ Examples:
 
 /// Arguments of `bench demo`.
 #[derive(Debug, Args)]
-pub struct DemoArguments {
+pub(crate) struct DemoArguments {
     /// Which vehicle.
     #[arg(long, value_enum, default_value_t = Scenario::RigidBody)]
     scenario: Scenario,
@@ -90,7 +90,7 @@ fn preset_of(scenario: Scenario) -> &'static str {
 ///
 /// # Errors
 /// A process does not start or fails; shared memory or the output directory cannot be used.
-pub fn run(arguments: &DemoArguments) -> anyhow::Result<()> {
+pub(crate) fn run(arguments: &DemoArguments) -> anyhow::Result<()> {
     ensure!(
         arguments.duration.is_finite() && arguments.duration >= 1.0,
         "--duration {}; needed: at least 1 (in s)",

@@ -20,7 +20,7 @@ use std::path::PathBuf;
 
 /// Arguments of `bench replay`.
 #[derive(Debug, Args)]
-pub struct ReplayArguments {
+pub(crate) struct ReplayArguments {
     #[command(flatten)]
     flight: FlightArguments,
     /// The file is a record of `daemon run --record`: replay it and compare every estimate to the bit.
@@ -70,7 +70,7 @@ struct Document {
 ///
 /// # Errors
 /// The flight or the configuration cannot be read, or the flight is too short.
-pub fn run(arguments: &ReplayArguments) -> anyhow::Result<()> {
+pub(crate) fn run(arguments: &ReplayArguments) -> anyhow::Result<()> {
     if arguments.check {
         return check::run(&arguments.flight.file, arguments.json);
     }

@@ -52,7 +52,7 @@ const EDGE: f64 = 1.6;
 
 /// Arguments of `bench tune`.
 #[derive(Debug, Args)]
-pub struct TuneArguments {
+pub(crate) struct TuneArguments {
     #[command(flatten)]
     flight: FlightArguments,
     /// The nominal mass too, within a quarter of its value: where nobody weighed the vehicle as it flies.
@@ -140,7 +140,7 @@ struct Search<'a> {
 ///
 /// # Errors
 /// The flight or the configuration cannot be used, or the result not be written.
-pub fn run(arguments: &TuneArguments) -> anyhow::Result<()> {
+pub(crate) fn run(arguments: &TuneArguments) -> anyhow::Result<()> {
     let weight = arguments.coast_weight;
     ensure!((0.0..=1.0).contains(&weight), "--coast-weight {weight}: needed: 0 … 1");
     let Replay { config: start, flight, .. } = arguments.flight.read()?;

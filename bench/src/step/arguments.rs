@@ -7,7 +7,7 @@ use std::path::PathBuf;
 
 /// Latency of one channel step by number of centers, beside the paper's formula written out and a Kalman filter.
 #[derive(Debug, Clone, clap::Args)]
-pub struct StepArguments {
+pub(crate) struct StepArguments {
     /// Numbers of centers; cubes are laid out as a lattice, others as a quasi-random set.
     #[arg(
         long,
@@ -17,7 +17,7 @@ pub struct StepArguments {
         default_value_if("quick", "true", "27,125,343,1000,2197"),
         value_parser = parse_n_centers
     )]
-    pub centers: Vec<usize>,
+    pub(super) centers: Vec<usize>,
     /// Points along each axis of the cubic lattices for the local solver, with blocks of 4³ and 6³.
     #[arg(
         long,
@@ -27,13 +27,13 @@ pub struct StepArguments {
         default_value_if("quick", "true", "8,100"),
         value_parser = clap::value_parser!(u32).range(8..=200).map(|edge| edge as usize)
     )]
-    pub lattices: Vec<usize>,
+    pub(super) lattices: Vec<usize>,
     /// A first look within 20 s: fewer centers, and less time for each of them.
     #[arg(long)]
-    pub quick: bool,
+    pub(super) quick: bool,
     /// Steps to time for each number of centers.
     #[arg(long, value_name = "COUNT", default_value_t = 20_000, value_parser = clap::value_parser!(u32).range(1..=10_000_000))]
-    pub samples: u32,
+    pub(super) samples: u32,
     /// Stop a size after this long, with fewer samples.
     #[arg(
         long,
@@ -42,16 +42,16 @@ pub struct StepArguments {
         default_value_if("quick", "true", "1.2"),
         value_parser = parse_seconds
     )]
-    pub seconds_per_size: f64,
+    pub(super) seconds_per_size: f64,
     /// Run the literal formula up to this N: its matrix takes 72 N² bytes, and every step reads all of it.
     #[arg(long, value_name = "N", default_value = "1000", default_value_if("quick", "true", "343"))]
-    pub literal_up_to: usize,
+    pub(super) literal_up_to: usize,
     /// Print one JSON document instead of the table.
     #[arg(long)]
-    pub json: bool,
+    pub(super) json: bool,
     /// Draw the latencies to FILE.svg.
     #[arg(long, value_name = "FILE")]
-    pub plot: Option<PathBuf>,
+    pub(super) plot: Option<PathBuf>,
 }
 
 /// 20 000 centers take 1.6 GB once factored, and three times that while they are.
