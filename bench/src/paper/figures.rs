@@ -1,7 +1,7 @@
 //! The paper's figures: truth and estimate against time, one panel for each axis.
 
-use super::Example;
 use super::rows::{Motion, Row};
+use super::settings::Example;
 use crate::plot::{Figure, Line, LineStyle, PageSize, Panel};
 use nalgebra::Vector3;
 use std::f64::consts::{PI, TAU};
