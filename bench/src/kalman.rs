@@ -20,23 +20,23 @@ pub(crate) struct KalmanFilter {
 }
 
 impl KalmanFilter {
-    /// A filter that starts at a measured velocity and an unknown force of about 10 N.
-    pub(crate) fn new(
-        mass_kg: f64,
-        force_density_n2_s: f64,
-        noise_variance_m2_s2: f64,
-        velocity: &Vector3<f64>,
-    ) -> Self {
-        let mut state = Vector6::zeros();
-        state.fixed_rows_mut::<3>(0).copy_from(velocity);
+    /// A filter that starts at rest with an unknown force of about 10 N.
+    pub(crate) fn new(mass_kg: f64, force_density_n2_s: f64, noise_variance_m2_s2: f64) -> Self {
         let mut covariance = Matrix6::identity() * 100.0;
         covariance.fixed_view_mut::<3, 3>(0, 0).copy_from(&(Matrix3::identity() * noise_variance_m2_s2));
         Self {
             mass_kg,
             force_density_n2_s,
             output: Output::new(noise_variance_m2_s2),
-            estimate: StateAndCovariance::new(state, covariance),
+            estimate: StateAndCovariance::new(Vector6::zeros(), covariance),
         }
+    }
+
+    /// Starts at a measured velocity (m/s) instead.
+    pub(crate) fn start_at(&mut self, velocity: &Vector3<f64>) {
+        let mut state = Vector6::zeros();
+        state.fixed_rows_mut::<3>(0).copy_from(velocity);
+        self.estimate = StateAndCovariance::new(state, *self.estimate.covariance());
     }
 
     /// Predicts over `h_s` seconds under a held command `input_n` (N).
@@ -141,8 +141,7 @@ mod tests {
     /// A constant force of 3 N on 2 kg is found, and the steady prediction error is its own.
     #[test]
     fn the_filter_finds_a_constant_force() {
-        let (mut filter, input, h) =
-            (KalmanFilter::new(2.0, 1.0, 1e-4, &Vector3::zeros()), Vector3::y(), 0.01);
+        let (mut filter, input, h) = (KalmanFilter::new(2.0, 1.0, 1e-4), Vector3::y(), 0.01);
         for j in 1..=500 {
             filter.predict(&input, h);
             let t = j as f64 * h;

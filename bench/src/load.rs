@@ -3,7 +3,7 @@
 //! | part | what grows | what is looked at |
 //! |---|---|---|
 //! | readers | subscribers of one instance's estimates, each served at every tick | the tick, a sample's stamp to its estimate, shared memory |
-//! | instances | vehicles: a service and a publisher each, as processes of their own, in one domain | the tick, processor time per tick and process, resident and shared memory |
+//! | instances | vehicles: a service and a publisher each, as processes of their own, in one domain | the tick, processor time per tick, private and shared memory |
 
 use crate::harness::exchange::{MovingVehicle, ServiceExchange, connect, send_at_rate};
 use crate::harness::latency::{cells, summary};
@@ -152,7 +152,7 @@ fn with_instances(
     while started.elapsed().as_secs_f64() < seconds && !stop.load(Ordering::Relaxed) {
         std::thread::sleep(Duration::from_millis(20));
     }
-    let (after, elapsed_s) = (used()?, started.elapsed().as_secs_f64());
+    let after = used()?;
 
     let sum = |of: fn(&Used) -> u64| after.iter().map(of).sum::<u64>();
     let rise = |of: fn(&Used) -> u64| sum(of) - before.iter().map(of).sum::<u64>();
@@ -160,7 +160,6 @@ fn with_instances(
         after.iter().map(|used| of(&used.status)).max_by_key(|found| found.p50).unwrap_or_default()
     };
     let ticks = rise(|used| used.status.ticks);
-    let core_share = |cpu_ns: u64| cpu_ns as f64 * 1e-9 / elapsed_s / n_instances as f64;
     let row = InstancesRow {
         instances: n_instances,
         ticks,
@@ -168,10 +167,7 @@ fn with_instances(
         step_ns: slowest(|status| status.step_ns),
         wake_up_lateness_ns: slowest(|status| status.wake_up_lateness_ns),
         service_cpu_ns_per_tick: rise(|used| used.service_ns) / ticks.max(1),
-        service_cpu_share: core_share(rise(|used| used.service_ns)),
-        publisher_cpu_share: core_share(rise(|used| used.publisher_ns)),
-        service_rss_bytes: sum(|used| used.rss_bytes) / n_instances,
-        service_private_bytes: sum(|used| used.private_bytes) / n_instances,
+        service_private_kb: sum(|used| used.private_kb) / n_instances,
         shm_bytes: shm_bytes(&domain)?,
     };
     for Vehicle { client, publisher, service } in vehicles {
@@ -189,13 +185,11 @@ struct Vehicle {
     service: Child,
 }
 
-/// What a vehicle's processes have used since they began.
+/// What a vehicle's service has used since it began.
 struct Used {
     status: Status,
     service_ns: u64,
-    publisher_ns: u64,
-    rss_bytes: u64,
-    private_bytes: u64,
+    private_kb: u64,
 }
 
 impl Vehicle {
@@ -209,38 +203,12 @@ impl Vehicle {
     }
 
     fn used(&self) -> anyhow::Result<Used> {
-        let (rss_bytes, private_bytes) = resident_bytes(self.service.pid())?;
         Ok(Used {
             status: status(&self.client)?,
-            service_ns: cpu_ns(self.service.pid())?,
-            publisher_ns: cpu_ns(self.publisher.pid())?,
-            rss_bytes,
-            private_bytes,
+            service_ns: self.service.cpu_ns()?,
+            private_kb: self.service.private_kb()?,
         })
     }
-}
-
-/// Processor time of all threads of a process (ns).
-fn cpu_ns(pid: u32) -> anyhow::Result<u64> {
-    let mut sum_ns = 0;
-    for thread in fs::read_dir(format!("/proc/{pid}/task"))? {
-        let text = fs::read_to_string(thread?.path().join("schedstat"))?;
-        let on_cpu_ns = text.split_whitespace().next().and_then(|ns| ns.parse::<u64>().ok());
-        sum_ns += on_cpu_ns.with_context(|| format!("schedstat of process {pid}: '{text}'"))?;
-    }
-    Ok(sum_ns)
-}
-
-/// Resident memory of a process, and the part of it that no other process shares.
-fn resident_bytes(pid: u32) -> anyhow::Result<(u64, u64)> {
-    let file = format!("/proc/{pid}/smaps_rollup");
-    let text = fs::read_to_string(&file)?;
-    let bytes = |name: &str| {
-        let value = text.lines().find_map(|line| line.strip_prefix(name)?.trim().strip_suffix(" kB"));
-        let kilobytes = value.and_then(|value| value.parse::<u64>().ok());
-        kilobytes.map(|kb| 1024 * kb).with_context(|| format!("{file} has no {name}"))
-    };
-    Ok((bytes("Rss:")?, bytes("Private_Clean:")? + bytes("Private_Dirty:")?))
 }
 
 /// Memory that the domain's segments and files take.
@@ -277,14 +245,8 @@ struct InstancesRow {
     /// Deadline to wake-up, of the instance with the largest median.
     wake_up_lateness_ns: LatencySummary,
     service_cpu_ns_per_tick: u64,
-    /// Of one core, per instance.
-    service_cpu_share: f64,
-    /// Of one core, per instance.
-    publisher_cpu_share: f64,
     /// Mean over the instances.
-    service_rss_bytes: u64,
-    /// Mean over the instances.
-    service_private_bytes: u64,
+    service_private_kb: u64,
     /// Of all instances together.
     shm_bytes: u64,
 }
@@ -302,7 +264,6 @@ impl Report<'_> {
     fn print(&self) {
         self.machine.print();
         let megabytes = |bytes: u64| three_digits(bytes as f64 * 1e-6);
-        let percent = |share: f64| three_digits(100.0 * share);
         let median_and_p99 = |found: LatencySummary| [microseconds(found.p50), microseconds(found.p99)];
         outln!("\nreaders of one service that polls, preset {}, {RATE_HZ} Hz", self.preset);
         let row = |row: &ReadersRow| {
@@ -325,10 +286,7 @@ impl Report<'_> {
                 late_p99,
                 format!("{}/{}", row.deadline_misses, row.ticks),
                 microseconds(row.service_cpu_ns_per_tick),
-                percent(row.service_cpu_share),
-                percent(row.publisher_cpu_share),
-                megabytes(row.service_rss_bytes),
-                megabytes(row.service_private_bytes),
+                megabytes(1000 * row.service_private_kb),
                 megabytes(row.shm_bytes),
             ]
         };
@@ -340,32 +298,10 @@ impl Report<'_> {
             "p99",
             "missed/ticks",
             "CPU per tick (µs)",
-            "service (% of a core)",
-            "publisher (%)",
-            "RSS (MB)",
-            "of it private",
+            "private memory (MB)",
             "shared memory, all (MB)",
         ];
         outln!("{}", table(&header, 0, self.instances.iter().map(row)));
-        outln!("Steps and lateness are those of the slowest instance; processor time and RSS are means.");
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_process_s_own_use_is_read_from_the_kernel() {
-        let pid = std::process::id();
-        let before_ns = cpu_ns(pid).unwrap();
-        let started = Instant::now();
-        while started.elapsed() < Duration::from_millis(30) {
-            std::hint::spin_loop();
-        }
-        assert!(cpu_ns(pid).unwrap() > before_ns);
-        let (rss_bytes, private_bytes) = resident_bytes(pid).unwrap();
-        assert!(rss_bytes >= private_bytes && private_bytes > 0);
-        assert!(resident_bytes(u32::MAX).is_err());
+        outln!("Steps and lateness are those of the slowest instance; processor time and memory are means.");
     }
 }

@@ -5,7 +5,7 @@
 //! the service looks, each distance between its tick and the sample is met as often as any other.
 
 use crate::harness::exchange::{MovingVehicle, Seen, ServiceExchange, connect, send_at_rate};
-use crate::harness::latency::{Bin, HEADER, bars, cells, histogram, summary};
+use crate::harness::latency::{HEADER, cells, summary};
 use crate::harness::machine::Machine;
 use crate::harness::options::{parse_rate_hz, parse_seconds};
 use crate::harness::output::{progress_bar, say_if_stopped, show, table, warn_of_debug_build};
@@ -157,7 +157,6 @@ struct Row {
     source_to_estimate_ns_reason: Option<String>,
     unanswered: u64,
     skipped: u64,
-    histogram: Vec<Bin>,
     #[serde(skip)]
     sorted_ns: Vec<u64>,
 }
@@ -175,7 +174,6 @@ impl Row {
                 .then(|| "no estimate came within two periods of its sample, or the run was stopped".into()),
             unanswered,
             skipped,
-            histogram: histogram(&source_to_estimate_ns),
             sorted_ns: source_to_estimate_ns,
         }
     }
@@ -205,9 +203,6 @@ impl Report<'_> {
         };
         let header = [["trigger", "Hz"].as_slice(), &HEADER, &["unanswered", "skipped"]].concat();
         outln!("{}", table(&header, 1, self.rows.iter().map(cells)));
-        for row in self.rows {
-            outln!("{} at {} Hz:\n{}", row.trigger.name(), row.rate_hz, bars(&row.histogram));
-        }
     }
 }
 

@@ -99,7 +99,7 @@ pub(crate) fn run(arguments: &SoakArguments) -> anyhow::Result<()> {
         &seconds,
         "--json",
     ];
-    let seen = look_on(&client, Child::start(&domain, &vehicle)?, daemon.pid(), arguments.seconds, &stop)?;
+    let seen = look_on(&client, Child::start(&domain, &vehicle)?, &daemon, arguments.seconds, &stop)?;
     drop((load, client));
     daemon.stop()?;
 
@@ -156,7 +156,7 @@ struct Seen {
 fn look_on(
     client: &Client,
     mut vehicle: Child,
-    service_pid: u32,
+    service: &Child,
     seconds: f64,
     stop: &AtomicBool,
 ) -> anyhow::Result<Seen> {
@@ -174,7 +174,7 @@ fn look_on(
         }
         if last_look.elapsed().as_secs_f64() >= LOOK_EVERY_S {
             last_look = Instant::now();
-            end_kb = resident_kb(service_pid)?;
+            end_kb = service.private_kb()?;
             if settled_kb.is_none() || start.elapsed().as_secs_f64() < SETTLING_PART * seconds {
                 settled_kb = Some(end_kb);
             }
@@ -195,15 +195,6 @@ fn look_on(
         resident_kb_settled: settled_kb.unwrap_or(end_kb),
         resident_kb_end: end_kb,
     })
-}
-
-/// Memory of its own that a process has resident (kB): shared pages are counted where they are shared.
-fn resident_kb(pid: u32) -> anyhow::Result<u64> {
-    let text =
-        std::fs::read_to_string(format!("/proc/{pid}/status")).context("look at the service's memory")?;
-    let line = text.lines().find_map(|line| line.strip_prefix("RssAnon:"));
-    let number = line.and_then(|line| line.trim().strip_suffix(" kB")?.trim().parse().ok());
-    number.context("the kernel tells no resident memory")
 }
 
 fn print(report: &Report) {

@@ -79,7 +79,7 @@ fn a_round_trip_is_shown_as_a_table_too_and_wrong_options_are_refused() {
 }
 
 #[test]
-fn every_trigger_and_rate_has_its_row_histogram_and_curve() {
+fn every_trigger_and_rate_has_its_row_and_curve() {
     if !has_two_cores() {
         return;
     }
@@ -100,9 +100,6 @@ fn every_trigger_and_rate_has_its_row_histogram_and_curve() {
         assert!(
             count + row["unanswered"].as_u64().unwrap() <= (0.2 * row["rate_hz"].as_f64().unwrap()) as u64
         );
-        let bins = row["histogram"].as_array().unwrap();
-        assert_eq!(bins.iter().map(|bin| bin["count"].as_u64().unwrap()).sum::<u64>(), count);
-        assert!(bins.windows(2).all(|pair| pair[0]["to_ns"] == pair[1]["from_ns"]));
     }
     assert!(std::fs::read_to_string(plot).unwrap().contains("share later"));
 }
@@ -162,7 +159,7 @@ fn readers_and_vehicles_are_counted_and_nothing_stays_even_after_ctrl_c() {
         assert_eq!(row["instances"], *n);
         assert!(assert_quantiles(row, "step_ns") > Some(0));
         assert!(assert_quantiles(row, "wake_up_lateness_ns") > Some(0));
-        for key in ["ticks", "service_cpu_ns_per_tick", "service_rss_bytes", "shm_bytes"] {
+        for key in ["ticks", "service_cpu_ns_per_tick", "service_private_kb", "shm_bytes"] {
             assert!(row[key].as_u64() > Some(0), "{key}: {row}");
         }
     }

@@ -23,7 +23,7 @@ use sim_publisher::{Simulation, SimulationOptions};
 const AROUND_S: f64 = 2.0;
 /// The estimate is back when its RMS over this time (s) …
 const WINDOW_S: f64 = 0.5;
-/// … is at most so many times the fault-free level.
+/// … is at most this many times the fault-free level.
 const BACK_WITHIN: f64 = 1.5;
 /// What the service counts until then belongs to the fault (s), unless another one starts before.
 const COUNTED_FOR_S: f64 = 2.0;

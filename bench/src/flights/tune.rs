@@ -55,7 +55,7 @@ const EDGE: f64 = 1.6;
 pub(crate) struct TuneArguments {
     #[command(flatten)]
     flight: FlightArguments,
-    /// The nominal mass too, within a quarter of its value: where nobody weighed the vehicle as it flies.
+    /// Search the nominal mass too, within a quarter of its value: for a vehicle that was not weighed as it flies.
     #[arg(long)]
     mass: bool,
     /// How much the coasts count beside the next sample's prediction, 0 … 1.

@@ -4,7 +4,7 @@
 //! |---|---|
 //! | `processes` | the programs as processes in a domain of their own |
 //! | `exchange` | the vehicle's side of a measured exchange of samples and estimates |
-//! | `latency` | quantiles and histograms of latencies, and how tables show them |
+//! | `latency` | quantiles of latencies, and how tables show them |
 //! | `machine` | the machine that the figures are of |
 //! | `options` | values of options that several commands have |
 //! | `output` | tables, numbers, progress, shared messages |

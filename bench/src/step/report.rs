@@ -197,7 +197,7 @@ fn findings(rows: &[Row]) -> Vec<String> {
     findings
 }
 
-/// How the dense steps grow, and what they are beside the other contestants.
+/// How the dense steps grow, and where they cost as much as the Kalman filter's.
 fn dense_findings(rows: &[Row]) -> Vec<String> {
     let mut findings = Vec::new();
     let mut rows: Vec<_> = rows.iter().filter(|row| row.solver == Solver::Dense).collect();
@@ -221,20 +221,6 @@ fn dense_findings(rows: &[Row]) -> Vec<String> {
             largest.set_up_s
         ));
     }
-    let between = |name: &str, rivals: Vec<(usize, f64)>| {
-        let (first, last) = (rivals.first()?, rivals.last()?);
-        let mut sentence = format!("{name} takes {} our time at N = {}", times(first.1), first.0);
-        if rivals.len() > 1 {
-            sentence += &format!(", {} at N = {}", times(last.1), last.0);
-        }
-        Some(sentence + ".")
-    };
-    let ratios = |rival: &dyn Fn(&Row) -> Option<Rival>| {
-        let ratio = |row: &&Row| Some((row.n_centers, row.ratio(&rival(row)?)));
-        rows.iter().filter_map(ratio).collect::<Vec<_>>()
-    };
-    findings.extend(between("The literal formula", ratios(&|row| row.literal.clone().ok())));
-    findings.extend(between("The Kalman filter", ratios(&|row| Some(row.kalman))));
     if let Some(n) = crossing(&rows) {
         findings.push(format!("A dense step costs as much as the Kalman filter's at about N = {n:.0}."));
     }
@@ -336,8 +322,6 @@ pub(super) mod tests {
         for expected in [
             "A dense step grows as N to the 2.00 (10 to 100).",
             "At N = 100 it takes 10.0 µs and reads at 50 % of the memory's 8.0 GB/s; set up in 0.5 s.",
-            "The literal formula takes ×30.0 our time at N = 10.",
-            "The Kalman filter takes ×4.00 our time at N = 10, 1/25 at N = 100.",
             "costs as much as the Kalman filter's at about N = 20.",
             "At least 90 % of our steps learned.",
             "other processes had the core for 50 % of the time",
