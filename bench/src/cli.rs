@@ -40,7 +40,7 @@ enum Task {
 Examples:
   # Within 20 s
   bench step --quick
-  bench step --centers 27,125,343 --plot step.png")]
+  bench step --centers 27,125,343 --plot step.svg")]
     Step(step::StepArguments),
     /// A round trip through the service beside one through bare shared memory, and both one-way times.
     #[command(after_help = "\
@@ -88,7 +88,7 @@ Examples:
     /// Accuracy on a recorded flight, beside a Kalman filter; offline. Or: whether a flight record replays to the bit.
     #[command(after_help = "\
 Examples:
-  bench replay --format acsl log_20240613_121802.log --plot coasts.png
+  bench replay --format acsl log_20240613_121802.log --plot coasts.svg
   # A table of your own, and two seconds without measurements
   bench replay --format csv flight.csv --config vehicle.toml \\
       --coast-s 2

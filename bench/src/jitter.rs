@@ -1,28 +1,27 @@
 //! `bench jitter`: how late the service's cycle wakes up.
 //!
-//! It is the cycle's own wait that is measured ([`daemon::cycle::wait_for_deadline`]), in a thread on a core
-//! of its own, beside cyclictest at the same rate and priority on the same core. All take turns in slices of
-//! one run, so that drift hits all alike. As cyclictest does, we lock memory and hold the processor awake;
-//! what was not granted is said.
+//! The cycle's own wait is measured ([`daemon::cycle::wait_for_deadline`]), in a thread on a core of its own, beside
+//! cyclictest at the same rate and priority on the same core. All take turns in slices of one run, so that drift affects
+//! all alike. As cyclictest does, we lock memory and keep the processor awake; the report tells what was not granted.
 
-use crate::harness::latency::{HEADER, cells, summary, table, three_digits};
+use crate::harness::latency::{HEADER, cells, summary};
 use crate::harness::machine::Machine;
+use crate::harness::options::{parse_rate_hz, parse_seconds};
+use crate::harness::output::{progress_bar, say_if_stopped, show, table, three_digits, warn_of_debug_build};
 use crate::harness::processes::stop_flag;
-use crate::service::{parse_rate_hz, parse_seconds};
 use anyhow::{Context, anyhow, bail};
 use daemon::cycle::{skip_missed, wait_for_deadline};
 use daemon::system::real_time::{self, Refused};
-use indicatif::{ProgressBar, ProgressStyle};
 use serde::Serialize;
 use shared_types::clock::monotonic_ns;
-use shared_types::{LatencySummary, logln, outln};
+use shared_types::{LatencySummary, outln};
 use std::io::ErrorKind;
 use std::process::{Command, Stdio};
 use std::sync::atomic::{AtomicBool, Ordering};
 
 /// Lateness of the cycle's wake-up, by scheduling and rate, beside cyclictest.
 #[derive(Debug, Clone, clap::Args)]
-pub struct JitterArguments {
+pub(crate) struct JitterArguments {
     /// Rates of the timer.
     #[arg(long, value_name = "HZ,HZ,…", value_delimiter = ',', default_value = "100,200,1000,4000", value_parser = parse_rate_hz)]
     rates_hz: Vec<f64>,
@@ -46,7 +45,7 @@ pub struct JitterArguments {
     json: bool,
 }
 
-/// Who waits, and how it is scheduled.
+/// Which program waits, and how it is scheduled.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 enum Mode {
@@ -79,12 +78,10 @@ impl Mode {
 /// Runs `bench jitter`.
 ///
 /// # Errors
-/// A cyclictest that fails although it is there. What the system does not grant is no error: its rows are
-/// null and say why.
-pub fn run(arguments: &JitterArguments) -> anyhow::Result<()> {
-    if cfg!(debug_assertions) {
-        logln!("warning: this is a debug build, its latencies mean nothing; use cargo run --release");
-    }
+/// A cyclictest that is installed and fails. What the system does not grant is no error: its rows are null, with the
+/// reason.
+pub(crate) fn run(arguments: &JitterArguments) -> anyhow::Result<()> {
+    warn_of_debug_build();
     let stop = stop_flag()?;
     let machine = Machine::found();
     // With one core, its own threads and the measured one share it.
@@ -96,11 +93,10 @@ pub fn run(arguments: &JitterArguments) -> anyhow::Result<()> {
 
     let mut rows: Vec<Row> = Vec::new();
     for &rate_hz in &arguments.rates_hz {
-        rows.extend(Mode::ALL.map(|mode| Row { mode, rate_hz, lateness_ns: Ok(Vec::new()) }));
+        rows.extend(Mode::ALL.map(|mode| Row::new(mode, rate_hz)));
     }
-    let style = ProgressStyle::with_template("{msg:26} {bar:40} {elapsed} of about {duration}");
-    let progress = ProgressBar::new(rows.len() as u64 * u64::from(n_slices))
-        .with_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()));
+    let n_turns = rows.len() as u64 * u64::from(n_slices);
+    let progress = progress_bar(n_turns, "{msg:26} {bar:40} {elapsed} of about {duration}");
     for _ in 0..n_slices {
         for row in &mut rows {
             progress.set_message(format!("{} {} Hz", row.mode.name(), row.rate_hz));
@@ -113,24 +109,20 @@ pub fn run(arguments: &JitterArguments) -> anyhow::Result<()> {
                 priority: arguments.priority,
                 spin_ns,
             };
-            if let Ok(known) = &mut row.lateness_ns
-                && !stop.load(Ordering::Relaxed)
-            {
+            if row.lateness_ns_reason.is_none() && !stop.load(Ordering::Relaxed) {
                 match slice.run(&stop)? {
-                    Ok(new) => known.extend(new),
-                    Err(reason) => row.lateness_ns = Err(reason),
+                    Ok(samples_ns) => row.samples_ns.extend(samples_ns),
+                    Err(reason) => row.lateness_ns_reason = Some(reason),
                 }
             }
             progress.inc(1);
         }
     }
     progress.finish_and_clear();
-    if stop.load(Ordering::Relaxed) {
-        logln!("bench: stopped; the figures are those of the part that ran");
-    }
+    say_if_stopped(&stop);
 
     let granted = |refused: Option<&Refused>| refused.map_or("granted".into(), Refused::to_string);
-    let rows: Vec<RowReport> = rows.into_iter().map(RowReport::of).collect();
+    rows.iter_mut().for_each(Row::sum_up);
     let report = Report {
         machine: &machine,
         measured_core: core,
@@ -142,11 +134,7 @@ pub fn run(arguments: &JitterArguments) -> anyhow::Result<()> {
         rows,
     };
     drop(awake);
-    match arguments.json {
-        true => outln!("{}", serde_json::to_string_pretty(&report)?),
-        false => report.print(),
-    }
-    Ok(())
+    show(arguments.json, &report, || report.print())
 }
 
 /// One turn of one mode at one rate.
@@ -249,33 +237,29 @@ fn read_histogram(text: &str) -> anyhow::Result<Vec<u64>> {
 }
 
 /// One mode at one rate.
+#[derive(Debug, Serialize)]
 struct Row {
     mode: Mode,
     rate_hz: f64,
-    /// Or why it was not measured.
-    lateness_ns: Result<Vec<u64>, String>,
-}
-
-#[derive(Debug, Serialize)]
-struct RowReport {
-    mode: Mode,
-    rate_hz: f64,
     lateness_ns: Option<LatencySummary>,
+    /// Why there is none.
     #[serde(skip_serializing_if = "Option::is_none")]
     lateness_ns_reason: Option<String>,
+    #[serde(skip)]
+    samples_ns: Vec<u64>,
 }
 
-impl RowReport {
-    fn of(row: Row) -> Self {
-        let Row { mode, rate_hz, lateness_ns } = row;
-        let (lateness_ns, lateness_ns_reason) = match lateness_ns {
-            Ok(mut samples_ns) => match summary(&mut samples_ns) {
-                Some(found) => (Some(found), None),
-                None => (None, Some("stopped before its first turn".into())),
-            },
-            Err(reason) => (None, Some(reason)),
-        };
-        Self { mode, rate_hz, lateness_ns, lateness_ns_reason }
+impl Row {
+    fn new(mode: Mode, rate_hz: f64) -> Self {
+        Self { mode, rate_hz, lateness_ns: None, lateness_ns_reason: None, samples_ns: Vec::new() }
+    }
+
+    /// Makes the summary of the samples.
+    fn sum_up(&mut self) {
+        self.lateness_ns = summary(&mut self.samples_ns);
+        if self.lateness_ns.is_none() && self.lateness_ns_reason.is_none() {
+            self.lateness_ns_reason = Some("stopped before its first turn".into());
+        }
     }
 }
 
@@ -289,7 +273,7 @@ struct Ratios {
 }
 
 impl Ratios {
-    fn of(rate_hz: f64, rows: &[RowReport]) -> Self {
+    fn of(rate_hz: f64, rows: &[Row]) -> Self {
         let ratio = |above: Mode, below: Mode, quantile: fn(LatencySummary) -> u64| {
             let find = |mode| rows.iter().find(|row| row.mode == mode && row.rate_hz == rate_hz)?.lateness_ns;
             Some(quantile(find(above)?) as f64 / quantile(find(below)?).max(1) as f64)
@@ -314,7 +298,7 @@ struct Report<'a> {
     memory_locked: String,
     /// "granted", or what was refused.
     cores_kept_awake: String,
-    rows: Vec<RowReport>,
+    rows: Vec<Row>,
     ratios: Vec<Ratios>,
 }
 
@@ -329,7 +313,7 @@ impl Report<'_> {
             self.memory_locked,
             self.cores_kept_awake
         );
-        let row = |row: &RowReport| {
+        let row = |row: &Row| {
             let names = [row.mode.name().to_owned(), row.rate_hz.to_string()];
             [names.as_slice(), &cells(row.lateness_ns)].concat()
         };
@@ -394,15 +378,19 @@ mod tests {
 
     #[test]
     fn ratios_are_of_the_same_rate_and_null_where_a_side_is_missing() {
-        let row = |mode, rate_hz, ns: u64| RowReport::of(Row { mode, rate_hz, lateness_ns: Ok(vec![ns]) });
-        let missing = Row { mode: Mode::CyclictestOther, rate_hz: 100.0, lateness_ns: Err("no".into()) };
+        let row = |mode, rate_hz, ns: u64| {
+            let mut row = Row::new(mode, rate_hz);
+            row.samples_ns.push(ns);
+            row.sum_up();
+            row
+        };
         let rows = [
             row(Mode::Fifo, 100.0, 30),
             row(Mode::CyclictestFifo, 100.0, 20),
             row(Mode::CyclictestFifo, 200.0, 10),
             row(Mode::FifoSpin, 100.0, 0),
             row(Mode::Plain, 100.0, 5),
-            RowReport::of(missing),
+            Row::new(Mode::CyclictestOther, 100.0),
         ];
         let ratios = Ratios::of(100.0, &rows);
         assert_eq!(ratios.fifo_over_cyclictest_p50, Some(1.5));

@@ -1,4 +1,5 @@
-//! The yardstick: a Kalman filter with a random-walk force per axis, from the crate `adskalman`.
+//! The filter that the observer is compared with: a Kalman filter with a random-walk force per axis, from the crate
+//! `adskalman`.
 //!
 //! ```text
 //! v' = (u + f)/m,   f' = w,   y = v + δ        w white with density q (N²/s), δ white with variance r
@@ -11,7 +12,7 @@ use nalgebra::{Matrix3, Matrix3x6, Matrix6, Matrix6x3, OMatrix, U3, U6, Vector3,
 
 /// State (v, f), its covariance, and the model.
 #[derive(Debug, Clone)]
-pub struct KalmanFilter {
+pub(crate) struct KalmanFilter {
     mass_kg: f64,
     force_density_n2_s: f64,
     output: Output,
@@ -19,27 +20,27 @@ pub struct KalmanFilter {
 }
 
 impl KalmanFilter {
-    /// A filter that starts at a measured velocity and an unknown force of about 10 N.
-    pub fn new(
-        mass_kg: f64,
-        force_density_n2_s: f64,
-        noise_variance_m2_s2: f64,
-        velocity: &Vector3<f64>,
-    ) -> Self {
-        let mut state = Vector6::zeros();
-        state.fixed_rows_mut::<3>(0).copy_from(velocity);
+    /// A filter that starts at rest with an unknown force of about 10 N.
+    pub(crate) fn new(mass_kg: f64, force_density_n2_s: f64, noise_variance_m2_s2: f64) -> Self {
         let mut covariance = Matrix6::identity() * 100.0;
         covariance.fixed_view_mut::<3, 3>(0, 0).copy_from(&(Matrix3::identity() * noise_variance_m2_s2));
         Self {
             mass_kg,
             force_density_n2_s,
             output: Output::new(noise_variance_m2_s2),
-            estimate: StateAndCovariance::new(state, covariance),
+            estimate: StateAndCovariance::new(Vector6::zeros(), covariance),
         }
     }
 
+    /// Starts at a measured velocity (m/s) instead.
+    pub(crate) fn start_at(&mut self, velocity: &Vector3<f64>) {
+        let mut state = Vector6::zeros();
+        state.fixed_rows_mut::<3>(0).copy_from(velocity);
+        self.estimate = StateAndCovariance::new(state, *self.estimate.covariance());
+    }
+
     /// Predicts over `h_s` seconds under a held command `input_n` (N).
-    pub fn predict(&mut self, input_n: &Vector3<f64>, h_s: f64) {
+    pub(crate) fn predict(&mut self, input_n: &Vector3<f64>, h_s: f64) {
         let motion = Motion::new(self.mass_kg, self.force_density_n2_s, h_s);
         let prior = motion.predict(&self.estimate);
         let mut state = *prior.state();
@@ -52,7 +53,7 @@ impl KalmanFilter {
     ///
     /// # Errors
     /// The innovation's covariance is not positive definite.
-    pub fn correct(&mut self, velocity: &Vector3<f64>) -> anyhow::Result<()> {
+    pub(crate) fn correct(&mut self, velocity: &Vector3<f64>) -> anyhow::Result<()> {
         let method = CovarianceUpdateMethod::JosephForm;
         self.estimate = self
             .output
@@ -62,20 +63,21 @@ impl KalmanFilter {
     }
 
     /// v̂ (m/s).
-    pub fn velocity_m_s(&self) -> Vector3<f64> {
+    pub(crate) fn velocity_m_s(&self) -> Vector3<f64> {
         self.estimate.state().fixed_rows::<3>(0).into()
     }
 }
 
+/// How (v, f) moves over a time h.
 #[derive(Debug, Clone)]
-struct Motion {
+pub(crate) struct Motion {
     transition: Matrix6<f64>,
     transposed: Matrix6<f64>,
     noise: Matrix6<f64>,
 }
 
 impl Motion {
-    fn new(mass_kg: f64, q: f64, h: f64) -> Self {
+    pub(crate) fn new(mass_kg: f64, q: f64, h: f64) -> Self {
         let identity = Matrix3::identity();
         let mut transition = Matrix6::identity();
         transition.fixed_view_mut::<3, 3>(0, 3).copy_from(&(identity * (h / mass_kg)));
@@ -104,15 +106,16 @@ impl TransitionModelLinearNoControl<f64, U6> for Motion {
     }
 }
 
+/// The velocity is measured.
 #[derive(Debug, Clone)]
-struct Output {
+pub(crate) struct Output {
     matrix: Matrix3x6<f64>,
     transposed: Matrix6x3<f64>,
     noise: Matrix3<f64>,
 }
 
 impl Output {
-    fn new(variance: f64) -> Self {
+    pub(crate) fn new(variance: f64) -> Self {
         let matrix = Matrix3x6::identity();
         Self { matrix, transposed: matrix.transpose(), noise: Matrix3::identity() * variance }
     }
@@ -138,8 +141,7 @@ mod tests {
     /// A constant force of 3 N on 2 kg is found, and the steady prediction error is its own.
     #[test]
     fn the_filter_finds_a_constant_force() {
-        let (mut filter, input, h) =
-            (KalmanFilter::new(2.0, 1.0, 1e-4, &Vector3::zeros()), Vector3::y(), 0.01);
+        let (mut filter, input, h) = (KalmanFilter::new(2.0, 1.0, 1e-4), Vector3::y(), 0.01);
         for j in 1..=500 {
             filter.predict(&input, h);
             let t = j as f64 * h;

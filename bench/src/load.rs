@@ -3,44 +3,43 @@
 //! | part | what grows | what is looked at |
 //! |---|---|---|
 //! | readers | subscribers of one instance's estimates, each served at every tick | the tick, a sample's stamp to its estimate, shared memory |
-//! | instances | vehicles: a service and a publisher each, as processes of their own, in one domain | the tick, processor time per tick and process, resident and shared memory |
+//! | instances | vehicles: a service and a publisher each, as processes of their own, in one domain | the tick, processor time per tick, private and shared memory |
 
-use crate::harness::exchange::{MovingVehicle, ServiceExchange, connect};
-use crate::harness::latency::{cells, microseconds, summary, table, three_digits};
+use crate::harness::exchange::{MovingVehicle, ServiceExchange, connect, send_at_rate};
+use crate::harness::latency::{cells, summary};
 use crate::harness::machine::Machine;
-use crate::harness::processes::{Child, OwnDomain, stop_flag};
-use crate::service::{TriggerMode, parse_rate_hz, parse_seconds, send_at_rate};
+use crate::harness::options::parse_seconds;
+use crate::harness::output::{
+    microseconds, progress_bar, say_if_stopped, show, table, three_digits, warn_of_debug_build,
+};
+use crate::harness::processes::{Child, OwnDomain, PATIENCE, ServiceSettings, stop_flag};
 use anyhow::{Context, ensure};
 use clap::builder::RangedU64ValueParser;
-use indicatif::{ProgressBar, ProgressStyle};
 use serde::Serialize;
 use shared_types::payload::{Status, command};
 use shared_types::service::MAX_READERS;
-use shared_types::{Client, LatencySummary, logln, outln};
+use shared_types::{Client, LatencySummary, outln};
 use std::fs;
 use std::os::unix::fs::MetadataExt;
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-const PATIENCE: Duration = Duration::from_secs(10);
 /// Preset and scenario of every vehicle.
 const RIGID_BODY: &str = "rigid-body";
-/// Places that the measurement itself takes among the readers: a client for status, one reader in hand.
+const RATE_HZ: f64 = 200.0;
+/// Places that the measurement itself takes among the readers: a client for status, one reader in reserve.
 const OWN_READERS: u64 = 2;
 
 /// Cost of further readers and further vehicles on one machine.
 #[derive(Debug, Clone, clap::Args)]
-pub struct LoadArguments {
+pub(crate) struct LoadArguments {
     /// Readers of one service.
     #[arg(long, value_name = "N,N,…", value_delimiter = ',', default_value = "1,4,16", value_parser = RangedU64ValueParser::<u64>::new().range(1..=MAX_READERS as u64 - OWN_READERS))]
     readers: Vec<u64>,
-    /// Vehicles on this machine, each with a service and a publisher.
+    /// Vehicles on this machine, each with a service and a publisher at 200 Hz.
     #[arg(long, value_name = "N,N,…", value_delimiter = ',', default_value = "1,2,4,8", value_parser = RangedU64ValueParser::<u64>::new().range(1..=64))]
     instances: Vec<u64>,
-    /// Rate of each vehicle.
-    #[arg(long, value_name = "HZ", default_value_t = 200.0, value_parser = parse_rate_hz)]
-    rate_hz: f64,
     /// Length of the run for each number.
     #[arg(long, value_name = "S", default_value_t = 5.0, value_parser = parse_seconds)]
     seconds: f64,
@@ -56,74 +55,54 @@ pub struct LoadArguments {
 ///
 /// # Errors
 /// A process that does not start, shared memory that cannot be used.
-pub fn run(arguments: &LoadArguments) -> anyhow::Result<()> {
-    if cfg!(debug_assertions) {
-        logln!("warning: this is a debug build, its latencies mean nothing; use cargo run --release");
-    }
+pub(crate) fn run(arguments: &LoadArguments) -> anyhow::Result<()> {
+    warn_of_debug_build();
     let seconds = if arguments.quick { 0.3 } else { arguments.seconds };
     let stop = stop_flag()?;
     let machine = Machine::found();
-    let style = ProgressStyle::with_template("{msg:14} {bar:40} {elapsed} of about {duration}");
-    let progress = ProgressBar::new((arguments.readers.len() + arguments.instances.len()) as u64)
-        .with_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()));
+    let n_runs = arguments.readers.len() + arguments.instances.len();
+    let progress = progress_bar(n_runs as u64, "{msg:14} {bar:40} {elapsed} of about {duration}");
     progress.enable_steady_tick(Duration::from_millis(500));
-    let (mut readers, mut instances) = (Vec::new(), Vec::new());
+    let mut report = Report { machine: &machine, preset: RIGID_BODY, readers: vec![], instances: vec![] };
     for &n_readers in &arguments.readers {
         progress.set_message(format!("{n_readers} readers"));
         if !stop.load(Ordering::Relaxed) {
-            readers.push(with_readers(n_readers, arguments.rate_hz, seconds, &machine, &stop)?);
+            report.readers.push(with_readers(n_readers, seconds, &machine, &stop)?);
         }
         progress.inc(1);
     }
     for &n_instances in &arguments.instances {
         progress.set_message(format!("{n_instances} vehicles"));
         if !stop.load(Ordering::Relaxed) {
-            instances.push(with_instances(n_instances, arguments.rate_hz, seconds, &machine, &stop)?);
+            report.instances.push(with_instances(n_instances, seconds, &machine, &stop)?);
         }
         progress.inc(1);
     }
     progress.finish_and_clear();
-    if stop.load(Ordering::Relaxed) {
-        logln!("bench: stopped; the figures are those of the part that ran");
-    }
-    let report =
-        Report { machine: &machine, preset: RIGID_BODY, rate_hz: arguments.rate_hz, readers, instances };
-    match arguments.json {
-        true => outln!("{}", serde_json::to_string_pretty(&report)?),
-        false => report.print(),
-    }
-    Ok(())
+    say_if_stopped(&stop);
+    show(arguments.json, &report, || report.print())
 }
 
-fn start_service(
-    domain: &OwnDomain,
-    instance: &str,
-    mode: TriggerMode,
-    rate_hz: f64,
-    cores: &[usize],
-) -> anyhow::Result<(Child, Client)> {
-    let service = Child::start_service(domain, instance, &mode.settings(RIGID_BODY, rate_hz, 0.0), cores)?;
-    let client = Client::connect(domain.domain(), instance, PATIENCE)
-        .or_else(|error| Err(error).with_context(|| service.log()))?;
-    Ok((service, client))
+fn settings(trigger: &str) -> ServiceSettings<'_> {
+    ServiceSettings { preset: RIGID_BODY, trigger, rate_hz: RATE_HZ, spin_us: 0.0 }
 }
 
 fn status(client: &Client) -> anyhow::Result<Status> {
     Ok(client.command(command::STATUS, PATIENCE)?.status)
 }
 
-/// One service with this many readers, all in this process; the first polls, the others look after it has
-/// its estimate.
+/// One polling service with this many readers, all in this process. The first polls; the others look after it has its
+/// estimate.
 fn with_readers(
     n_readers: u64,
-    rate_hz: f64,
     seconds: f64,
     machine: &Machine,
     stop: &AtomicBool,
 ) -> anyhow::Result<ReadersRow> {
-    let core = machine.other_core()?;
     let domain = OwnDomain::new()?;
-    let (service, client) = start_service(&domain, "vehicle", TriggerMode::Sample, rate_hz, &[core])?;
+    let core = machine.other_core()?;
+    let service = Child::start_service(&domain, "vehicle", &settings("sample"), &[core])?;
+    let client = service.connect(&domain, "vehicle")?;
     let mut exchange = ServiceExchange::of(&client)?;
     let others = (1..n_readers).map(|_| client.estimate_subscriber());
     let mut others = others.collect::<Result<Vec<_>, _>>()?;
@@ -134,11 +113,10 @@ fn with_readers(
             while let Ok(Some(_)) = reader.take() {}
         }
     };
-    let mut seen = send_at_rate(&mut exchange, &mut vehicle, rate_hz, seconds, look, stop)?;
+    let mut seen = send_at_rate(&mut exchange, &mut vehicle, RATE_HZ, seconds, look, stop)?;
     let (status, shm_bytes) = (status(&client)?, shm_bytes(&domain)?);
     drop((others, exchange, client));
-    service.terminate();
-    service.finish()?;
+    service.stop()?;
     Ok(ReadersRow {
         readers: n_readers,
         step_ns: status.step_ns,
@@ -150,7 +128,6 @@ fn with_readers(
 /// This many vehicles at once, on all cores.
 fn with_instances(
     n_instances: u64,
-    rate_hz: f64,
     seconds: f64,
     machine: &Machine,
     stop: &AtomicBool,
@@ -160,50 +137,43 @@ fn with_instances(
     let mut vehicles = Vec::new();
     for i in 0..n_instances {
         let name = format!("v{i}");
-        let (service, client) = start_service(&domain, &name, TriggerMode::Timer, rate_hz, &cores)?;
-        let rate_hz = rate_hz.to_string();
+        let service = Child::start_service(&domain, &name, &settings("timer"), &cores)?;
+        let client = service.connect(&domain, &name)?;
+        let rate_hz = RATE_HZ.to_string();
         let publisher =
             ["sim_publisher", "run", "--scenario", RIGID_BODY, "--rate-hz", &rate_hz, "--instance", &name];
-        vehicles.push(Vehicle { service, publisher: Child::start_on(&domain, &publisher, &cores)?, client });
+        vehicles.push(Vehicle { client, publisher: Child::start_on(&domain, &publisher, &cores)?, service });
     }
     for vehicle in &vehicles {
         vehicle.wait_for_samples()?;
     }
-    let before = vehicles.iter().map(Vehicle::used).collect::<anyhow::Result<Vec<_>>>()?;
-    let started = Instant::now();
+    let used = || vehicles.iter().map(Vehicle::used).collect::<anyhow::Result<Vec<_>>>();
+    let (before, started) = (used()?, Instant::now());
     while started.elapsed().as_secs_f64() < seconds && !stop.load(Ordering::Relaxed) {
         std::thread::sleep(Duration::from_millis(20));
     }
-    let after = vehicles.iter().map(Vehicle::used).collect::<anyhow::Result<Vec<_>>>()?;
-    let elapsed_s = started.elapsed().as_secs_f64();
-    let shm_bytes = shm_bytes(&domain)?;
+    let after = used()?;
 
-    let of_all = |of: &dyn Fn(&Used) -> u64| -> Vec<u64> { after.iter().map(of).collect() };
-    let mean = |values: Vec<u64>| values.iter().sum::<u64>() / values.len().max(1) as u64;
-    let (mut service_ns, mut publisher_ns, mut ticks) = (0, 0, 0);
-    for (before, after) in before.iter().zip(&after) {
-        service_ns += after.service_ns - before.service_ns;
-        publisher_ns += after.publisher_ns - before.publisher_ns;
-        ticks += after.status.counters.ticks - before.status.counters.ticks;
-    }
-    let worst = |of: fn(&Status) -> LatencySummary| {
+    let sum = |of: fn(&Used) -> u64| after.iter().map(of).sum::<u64>();
+    let rise = |of: fn(&Used) -> u64| sum(of) - before.iter().map(of).sum::<u64>();
+    let slowest = |of: fn(&Status) -> LatencySummary| {
         after.iter().map(|used| of(&used.status)).max_by_key(|found| found.p50).unwrap_or_default()
     };
+    let ticks = rise(|used| used.status.counters.ticks);
     let row = InstancesRow {
         instances: n_instances,
         ticks,
-        deadline_misses: of_all(&|used| used.status.counters.deadline_misses).iter().sum(),
-        step_ns: worst(|status| status.step_ns),
-        wake_up_lateness_ns: worst(|status| status.wake_up_lateness_ns),
-        service_cpu_ns_per_tick: service_ns / ticks.max(1),
-        service_cpu_share: service_ns as f64 * 1e-9 / elapsed_s / n_instances as f64,
-        publisher_cpu_share: publisher_ns as f64 * 1e-9 / elapsed_s / n_instances as f64,
-        service_rss_bytes: mean(of_all(&|used| used.rss_bytes)),
-        service_private_bytes: mean(of_all(&|used| used.private_bytes)),
-        shm_bytes,
+        deadline_misses: sum(|used| used.status.counters.deadline_misses),
+        step_ns: slowest(|status| status.step_ns),
+        wake_up_lateness_ns: slowest(|status| status.wake_up_lateness_ns),
+        service_cpu_ns_per_tick: rise(|used| used.service_ns) / ticks.max(1),
+        service_private_kb: sum(|used| used.private_kb) / n_instances,
+        shm_bytes: shm_bytes(&domain)?,
     };
-    for vehicle in vehicles {
-        vehicle.finish()?;
+    for Vehicle { client, publisher, service } in vehicles {
+        drop(client);
+        publisher.stop()?;
+        service.stop()?;
     }
     Ok(row)
 }
@@ -215,13 +185,11 @@ struct Vehicle {
     service: Child,
 }
 
-/// What a vehicle's processes have used since they began.
+/// What a vehicle's service has used since it began.
 struct Used {
     status: Status,
     service_ns: u64,
-    publisher_ns: u64,
-    rss_bytes: u64,
-    private_bytes: u64,
+    private_kb: u64,
 }
 
 impl Vehicle {
@@ -235,51 +203,12 @@ impl Vehicle {
     }
 
     fn used(&self) -> anyhow::Result<Used> {
-        let (rss_bytes, private_bytes) = resident_bytes(self.service.pid())?;
         Ok(Used {
             status: status(&self.client)?,
-            service_ns: cpu_ns(self.service.pid())?,
-            publisher_ns: cpu_ns(self.publisher.pid())?,
-            rss_bytes,
-            private_bytes,
+            service_ns: self.service.cpu_ns()?,
+            private_kb: self.service.private_kb()?,
         })
     }
-
-    fn finish(self) -> anyhow::Result<()> {
-        let Self { client, publisher, service } = self;
-        drop(client);
-        for process in [publisher, service] {
-            process.terminate();
-            process.finish()?;
-        }
-        Ok(())
-    }
-}
-
-/// Processor time of all threads of a process (ns).
-fn cpu_ns(pid: u32) -> anyhow::Result<u64> {
-    let mut sum_ns = 0;
-    for thread in fs::read_dir(format!("/proc/{pid}/task"))? {
-        let text = fs::read_to_string(thread?.path().join("schedstat"))?;
-        let on_cpu_ns = text.split_whitespace().next().and_then(|ns| ns.parse::<u64>().ok());
-        sum_ns += on_cpu_ns.with_context(|| format!("schedstat of process {pid}: '{text}'"))?;
-    }
-    Ok(sum_ns)
-}
-
-/// Resident memory of a process, and the part of it that no other process shares.
-fn resident_bytes(pid: u32) -> anyhow::Result<(u64, u64)> {
-    let file = format!("/proc/{pid}/smaps_rollup");
-    let text = fs::read_to_string(&file)?;
-    let sum_of = |names: &[&str]| -> anyhow::Result<u64> {
-        let lines = text.lines().filter_map(|line| line.split_once(':'));
-        let values = lines.filter(|(name, _)| names.contains(name)).map(|(_, value)| {
-            let kilobytes = value.split_whitespace().next().and_then(|value| value.parse::<u64>().ok());
-            Ok(1024 * kilobytes.with_context(|| format!("{file}: '{value}'"))?)
-        });
-        values.sum()
-    };
-    Ok((sum_of(&["Rss"])?, sum_of(&["Private_Clean", "Private_Dirty"])?))
 }
 
 /// Memory that the domain's segments and files take.
@@ -288,7 +217,7 @@ fn shm_bytes(domain: &OwnDomain) -> anyhow::Result<u64> {
         let entries = fs::read_dir(path).into_iter().flatten().flatten().map(|entry| entry.path());
         entries.map(|path| if path.is_dir() { below(&path) } else { bytes(&path) }).sum()
     }
-    // Blocks, not length: a page that nobody touched takes no memory.
+    // Blocks, not length: an untouched page takes no memory.
     fn bytes(path: &Path) -> u64 {
         fs::symlink_metadata(path).map_or(0, |metadata| 512 * metadata.blocks())
     }
@@ -316,14 +245,8 @@ struct InstancesRow {
     /// Deadline to wake-up, of the instance with the largest median.
     wake_up_lateness_ns: LatencySummary,
     service_cpu_ns_per_tick: u64,
-    /// Of one core, per instance.
-    service_cpu_share: f64,
-    /// Of one core, per instance.
-    publisher_cpu_share: f64,
     /// Mean over the instances.
-    service_rss_bytes: u64,
-    /// Mean over the instances.
-    service_private_bytes: u64,
+    service_private_kb: u64,
     /// Of all instances together.
     shm_bytes: u64,
 }
@@ -333,7 +256,6 @@ struct InstancesRow {
 struct Report<'a> {
     machine: &'a Machine,
     preset: &'a str,
-    rate_hz: f64,
     readers: Vec<ReadersRow>,
     instances: Vec<InstancesRow>,
 }
@@ -343,21 +265,20 @@ impl Report<'_> {
         self.machine.print();
         let megabytes = |bytes: u64| three_digits(bytes as f64 * 1e-6);
         let median_and_p99 = |found: LatencySummary| [microseconds(found.p50), microseconds(found.p99)];
-        outln!("\nreaders of one service that polls, preset {}, {} Hz", self.preset, self.rate_hz);
+        outln!("\nreaders of one service that polls, preset {}, {RATE_HZ} Hz", self.preset);
         let row = |row: &ReadersRow| {
             let [_, seen_p50, _, seen_p99, ..] = cells(row.source_to_estimate_ns);
             let [step_p50, step_p99] = median_and_p99(row.step_ns);
-            vec![row.readers.to_string(), step_p50, step_p99, seen_p50, seen_p99, megabytes(row.shm_bytes)]
+            [row.readers.to_string(), step_p50, step_p99, seen_p50, seen_p99, megabytes(row.shm_bytes)]
         };
         let header =
             ["readers", "step p50 (µs)", "p99", "stamp to estimate p50 (µs)", "p99", "shared memory (MB)"];
         outln!("{}", table(&header, 0, self.readers.iter().map(row)));
-        outln!("\nvehicles, each a service and a publisher, at {} Hz with a timer", self.rate_hz);
+        outln!("\nvehicles, each a service and a publisher, at {RATE_HZ} Hz with a timer");
         let row = |row: &InstancesRow| {
             let [step_p50, step_p99] = median_and_p99(row.step_ns);
             let [late_p50, late_p99] = median_and_p99(row.wake_up_lateness_ns);
-            let percent = |share: f64| three_digits(100.0 * share);
-            vec![
+            [
                 row.instances.to_string(),
                 step_p50,
                 step_p99,
@@ -365,10 +286,7 @@ impl Report<'_> {
                 late_p99,
                 format!("{}/{}", row.deadline_misses, row.ticks),
                 microseconds(row.service_cpu_ns_per_tick),
-                percent(row.service_cpu_share),
-                percent(row.publisher_cpu_share),
-                megabytes(row.service_rss_bytes),
-                megabytes(row.service_private_bytes),
+                megabytes(1000 * row.service_private_kb),
                 megabytes(row.shm_bytes),
             ]
         };
@@ -380,32 +298,10 @@ impl Report<'_> {
             "p99",
             "missed/ticks",
             "CPU per tick (µs)",
-            "service (% of a core)",
-            "publisher (%)",
-            "RSS (MB)",
-            "of it private",
+            "private memory (MB)",
             "shared memory, all (MB)",
         ];
         outln!("{}", table(&header, 0, self.instances.iter().map(row)));
-        outln!("Steps and lateness are those of the slowest instance; processor time and RSS are means.");
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_process_s_own_use_is_read_from_the_kernel() {
-        let pid = std::process::id();
-        let before_ns = cpu_ns(pid).unwrap();
-        let started = Instant::now();
-        while started.elapsed() < Duration::from_millis(30) {
-            std::hint::spin_loop();
-        }
-        assert!(cpu_ns(pid).unwrap() > before_ns);
-        let (rss_bytes, private_bytes) = resident_bytes(pid).unwrap();
-        assert!(rss_bytes >= private_bytes && private_bytes > 0);
-        assert!(resident_bytes(u32::MAX).is_err());
+        outln!("Steps and lateness are those of the slowest instance; processor time and memory are means.");
     }
 }

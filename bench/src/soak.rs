@@ -1,9 +1,10 @@
-//! `bench soak`: the service for a long time beside processes that want all of the machine. What is lost is counted, or
-//! it is a defect; memory does not grow.
+//! `bench soak`: the service for a long time beside processes that load all cores. The command fails where a sample is
+//! neither used nor counted, where an estimate is not finite, or where memory grows.
 
-use crate::harness::latency::{cells, table};
-use crate::harness::processes::{Child, OwnDomain, stop_flag};
-use crate::service::{parse_rate_hz, parse_seconds};
+use crate::harness::latency::{HEADER, cells};
+use crate::harness::options::{parse_rate_hz, parse_seconds};
+use crate::harness::output::{show, table};
+use crate::harness::processes::{Child, OwnDomain, PATIENCE, stop_flag};
 use anyhow::{Context, ensure};
 use clap::builder::RangedU64ValueParser;
 use serde::Serialize;
@@ -13,20 +14,19 @@ use std::hint::black_box;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-const PATIENCE: Duration = Duration::from_secs(10);
 const RIGID_BODY: &str = "rigid-body";
 /// Memory is looked at this often (s).
 const LOOK_EVERY_S: f64 = 1.0;
 /// The first part of the run is for whatever is set up lazily.
 const SETTLING_PART: f64 = 0.2;
-/// In a shorter run what is set up lazily is most of it: memory is shown, not judged.
-const LEAST_S_FOR_MEMORY: f64 = 60.0;
+/// A shorter run is mostly lazy set-up: its memory is shown, not judged.
+const MIN_S_FOR_MEMORY: f64 = 60.0;
 /// Megabytes that each of the load's processes writes over and over.
 const LOAD_MB: usize = 64;
 
 /// A long run under load.
 #[derive(Debug, Clone, clap::Args)]
-pub struct SoakArguments {
+pub(crate) struct SoakArguments {
     /// Length of the run.
     #[arg(long, value_name = "S", default_value_t = 600.0, value_parser = parse_seconds)]
     seconds: f64,
@@ -74,7 +74,7 @@ struct Report {
 ///
 /// # Errors
 /// A process does not start; a sample is neither used nor counted; memory grows.
-pub fn run(arguments: &SoakArguments) -> anyhow::Result<()> {
+pub(crate) fn run(arguments: &SoakArguments) -> anyhow::Result<()> {
     let stop = stop_flag()?;
     let domain = OwnDomain::new()?;
     let files = tempfile::tempdir().context("make a directory for the flight record")?;
@@ -85,8 +85,7 @@ pub fn run(arguments: &SoakArguments) -> anyhow::Result<()> {
         vec!["daemon", "run", "--preset", RIGID_BODY, "--rate-hz", &rate_hz, "--record", record];
     service.extend(arguments.service.iter().map(String::as_str));
     let daemon = Child::start(&domain, &service)?;
-    let client = Client::connect(domain.domain(), "vehicle", PATIENCE)
-        .or_else(|error| Err(error).with_context(|| daemon.log()))?;
+    let client = daemon.connect(&domain, "vehicle")?;
     let load: Vec<Child> =
         (0..arguments.load).map(|_| Child::start(&domain, &["burn"])).collect::<anyhow::Result<_>>()?;
     let vehicle = [
@@ -100,16 +99,13 @@ pub fn run(arguments: &SoakArguments) -> anyhow::Result<()> {
         &seconds,
         "--json",
     ];
-    let seen = look_on(&client, Child::start(&domain, &vehicle)?, daemon.pid(), arguments.seconds, &stop)?;
+    let seen = look_on(&client, Child::start(&domain, &vehicle)?, &daemon, arguments.seconds, &stop)?;
     drop((load, client));
-    daemon.terminate();
-    daemon.finish()?;
+    daemon.stop()?;
 
     let status = seen.status;
-    let accounted = status.counters.samples_accepted
-        + status.counters.samples_lost
-        + status.counters.samples_rejected_total();
-    // What the vehicle sent after the newest sample that arrived is lost too, and nobody can know.
+    let accounted = status.counters.samples_accepted + status.counters.samples_lost + status.counters.samples_rejected_total();
+    // A sample that was lost after the newest one that arrived is not counted as lost by the service.
     let report = Report {
         rate_hz: arguments.rate_hz,
         duration_s: arguments.seconds,
@@ -132,19 +128,16 @@ pub fn run(arguments: &SoakArguments) -> anyhow::Result<()> {
         wake_up_lateness_ns: status.wake_up_lateness_ns,
         step_ns: status.step_ns,
     };
-    match arguments.json {
-        true => outln!("{}", serde_json::to_string_pretty(&report)?),
-        false => print(&report),
-    }
+    show(arguments.json, &report, || print(&report))?;
     ensure!(
         report.samples_unaccounted == 0,
         "{} samples are neither used nor counted",
         report.samples_unaccounted
     );
     ensure!(report.estimates_not_finite == 0, "{} estimates are not finite", report.estimates_not_finite);
-    // A page here and there is the allocator's; a byte a tick would be more.
+    // Less is the allocator's; a leak of one byte a tick would be more.
     let grown_kb = report.resident_kb_end.saturating_sub(report.resident_kb_settled);
-    let is_judged = arguments.seconds >= LEAST_S_FOR_MEMORY;
+    let is_judged = arguments.seconds >= MIN_S_FOR_MEMORY;
     ensure!(grown_kb < 256 || !is_judged, "the service's memory has grown by {grown_kb} kB");
     Ok(())
 }
@@ -163,7 +156,7 @@ struct Seen {
 fn look_on(
     client: &Client,
     mut vehicle: Child,
-    service_pid: u32,
+    service: &Child,
     seconds: f64,
     stop: &AtomicBool,
 ) -> anyhow::Result<Seen> {
@@ -181,7 +174,7 @@ fn look_on(
         }
         if last_look.elapsed().as_secs_f64() >= LOOK_EVERY_S {
             last_look = Instant::now();
-            end_kb = resident_kb(service_pid)?;
+            end_kb = service.private_kb()?;
             if settled_kb.is_none() || start.elapsed().as_secs_f64() < SETTLING_PART * seconds {
                 settled_kb = Some(end_kb);
             }
@@ -193,12 +186,8 @@ fn look_on(
     }
     // The last sample is used and counted, and the status published.
     std::thread::sleep(Duration::from_millis(500));
-    let summary: serde_json::Value =
-        serde_json::from_str(&vehicle.finish()?).context("read the vehicle's summary")?;
     Ok(Seen {
-        samples_sent: summary["samples_published"]
-            .as_u64()
-            .context("the vehicle's summary has no samples")?,
+        samples_sent: vehicle.finish_with_summary()?.1,
         status: client.command(command::STATUS, PATIENCE)?.status,
         estimates_read: read,
         estimates_overrun: overrun,
@@ -206,15 +195,6 @@ fn look_on(
         resident_kb_settled: settled_kb.unwrap_or(end_kb),
         resident_kb_end: end_kb,
     })
-}
-
-/// Memory of its own that a process has resident (kB): shared pages are counted where they are shared.
-fn resident_kb(pid: u32) -> anyhow::Result<u64> {
-    let text =
-        std::fs::read_to_string(format!("/proc/{pid}/status")).context("look at the service's memory")?;
-    let line = text.lines().find_map(|line| line.strip_prefix("RssAnon:"));
-    let number = line.and_then(|line| line.trim().strip_suffix(" kB")?.trim().parse().ok());
-    number.context("the kernel tells no resident memory")
 }
 
 fn print(report: &Report) {
@@ -253,7 +233,7 @@ fn print(report: &Report) {
     );
     let rows = [("wake-up lateness", report.wake_up_lateness_ns), ("step", report.step_ns)];
     let rows = rows.map(|(name, summary)| [vec![name.to_owned()], cells(Some(summary)).to_vec()].concat());
-    outln!("{}", table(&["latency (µs)", "count", "p50", "p90", "p99", "p99.9", "max"], 1, rows));
+    outln!("{}", table(&[["latency (µs)"].as_slice(), &HEADER].concat(), 1, rows));
 }
 
 /// The role `burn`: computes and writes memory until it is terminated.

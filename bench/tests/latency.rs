@@ -40,15 +40,12 @@ fn has_two_cores() -> bool {
 
 #[test]
 fn round_trips_are_compared_and_nothing_stays() {
+    if !has_two_cores() {
+        return;
+    }
     let found = document(&["ipc", "--samples", "120", "--batch", "50"]);
     assert_machine(&found);
     let counts = ["service_ns", "bare_ns"].map(|key| assert_quantiles(&found, key));
-    if !has_two_cores() {
-        assert_eq!(counts, [None, None]);
-        assert!(found["service_over_bare_median_reason"].is_string());
-        assert!(found["client_calls_reason"].is_string());
-        return;
-    }
     assert_eq!(counts, [Some(120), Some(120)]);
     let median = |key: &str| found[key]["p50"].as_f64().unwrap();
     let ratio = median("service_ns") / median("bare_ns");
@@ -59,25 +56,13 @@ fn round_trips_are_compared_and_nothing_stays() {
             assert_eq!(assert_quantiles(&found[way], part), Some(120));
         }
     }
-    let calls = found["client_calls"]["calls"].as_array().unwrap();
-    assert_eq!(
-        calls.iter().map(|call| call["call"].as_str().unwrap()).collect::<Vec<_>>(),
-        ["publish", "take", "peek"]
-    );
-    for call in calls {
-        assert!(
-            assert_quantiles(call, "rust_ns") > Some(0) && assert_quantiles(call, "c_ns") > Some(0),
-            "{call}"
-        );
-        assert!(call["c_over_rust_median"].as_f64().unwrap() > 0.0);
-    }
 }
 
 #[test]
 fn a_round_trip_is_shown_as_a_table_too_and_wrong_options_are_refused() {
-    let table = bench(&["ipc", "--samples", "20", "--pause-us", "50"]).ok();
     if has_two_cores() {
-        assert!(table.contains("bare: round trip") && table.contains("publish: C "), "{table}");
+        let table = bench(&["ipc", "--samples", "20", "--pause-us", "50"]).ok();
+        assert!(table.contains("bare: round trip"), "{table}");
     }
     let code = |arguments: &[&str]| bench(arguments).code;
     assert_eq!(code(&["ipc", "--samples", "0"]), Some(2));
@@ -88,7 +73,7 @@ fn a_round_trip_is_shown_as_a_table_too_and_wrong_options_are_refused() {
 }
 
 #[test]
-fn every_trigger_and_rate_has_its_row_histogram_and_curve() {
+fn every_trigger_and_rate_has_its_row_and_curve() {
     if !has_two_cores() {
         return;
     }
@@ -109,9 +94,6 @@ fn every_trigger_and_rate_has_its_row_histogram_and_curve() {
         assert!(
             count + row["unanswered"].as_u64().unwrap() <= (0.2 * row["rate_hz"].as_f64().unwrap()) as u64
         );
-        let bins = row["histogram"].as_array().unwrap();
-        assert_eq!(bins.iter().map(|bin| bin["count"].as_u64().unwrap()).sum::<u64>(), count);
-        assert!(bins.windows(2).all(|pair| pair[0]["to_ns"] == pair[1]["from_ns"]));
     }
     assert!(std::fs::read_to_string(plot).unwrap().contains("share later"));
 }
@@ -169,7 +151,7 @@ fn readers_and_vehicles_are_counted_and_nothing_stays_even_after_ctrl_c() {
         assert_eq!(row["instances"], *n);
         assert!(assert_quantiles(row, "step_ns") > Some(0));
         assert!(assert_quantiles(row, "wake_up_lateness_ns") > Some(0));
-        for key in ["ticks", "service_cpu_ns_per_tick", "service_rss_bytes", "shm_bytes"] {
+        for key in ["ticks", "service_cpu_ns_per_tick", "service_private_kb", "shm_bytes"] {
             assert!(row[key].as_u64() > Some(0), "{key}: {row}");
         }
     }

@@ -216,11 +216,7 @@ fn the_command_writes_its_files_and_prints_one_document() {
             assert_eq!(document[key]["second_half"]["axes"].as_array().unwrap().len(), 3, "{key}");
         }
         let mut expected = vec![directory.join(format!("{scenario}.csv"))];
-        expected.extend(
-            figures.iter().flat_map(|name| {
-                ["svg", "png"].map(|extension| directory.join(format!("{name}.{extension}")))
-            }),
-        );
+        expected.extend(figures.iter().map(|name| directory.join(format!("{name}.svg"))));
         let files: Vec<PathBuf> = serde_json::from_value(document["files"].clone()).unwrap();
         assert_eq!(files, expected);
         for file in files {

@@ -5,7 +5,6 @@ use daemon::config::ConfigFile;
 use daemon::engine::to_payload;
 use daemon::gate::Gate;
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
-use serde::Serialize;
 use shared_types::payload::{Estimate, status_bits};
 use shared_types::{Measurement, Truth};
 
@@ -59,15 +58,51 @@ impl Run {
     }
 }
 
-/// Norms of the errors of one estimate; `None` where the channel is not part of the estimate.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct ErrorNorms {
-    pub(super) position_m: Option<f64>,
-    pub(super) velocity_m_s: Option<f64>,
-    pub(super) attitude_rad: Option<f64>,
-    pub(super) angular_velocity_rad_s: Option<f64>,
-    pub(super) force_n: Option<f64>,
-    pub(super) torque_n_m: Option<f64>,
+/// What an estimate and the truth are compared by.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Quantity {
+    Position,
+    Velocity,
+    Force,
+    Attitude,
+    AngularVelocity,
+    Torque,
+}
+
+impl Quantity {
+    pub(super) const ALL: [Self; 6] =
+        [Self::Position, Self::Velocity, Self::Force, Self::Attitude, Self::AngularVelocity, Self::Torque];
+
+    /// Its name in a table, and its key in a document, with `{}` for the statistic.
+    pub(super) fn names(self) -> (&'static str, &'static str) {
+        match self {
+            Self::Position => ("position (m)", "position_{}_m"),
+            Self::Velocity => ("velocity (m/s)", "velocity_{}_m_s"),
+            Self::Force => ("unknown force (N)", "force_{}_n"),
+            Self::Attitude => ("attitude (rad)", "attitude_{}_rad"),
+            Self::AngularVelocity => ("angular velocity (rad/s)", "angular_velocity_{}_rad_s"),
+            Self::Torque => ("unknown torque (N·m)", "torque_{}_n_m"),
+        }
+    }
+
+    /// The norm of an estimate's error; `None` where there is no truth at its instant, or where the quantity's
+    /// channel is not part of the estimate.
+    pub(super) fn error(self, truths: &[Truth], estimate: &Estimate) -> Option<f64> {
+        let truth = truth_at(truths, estimate.stamp_ns)?;
+        let norm = |a: [f64; 3], b: [f64; 3]| (Vector3::from(a) - Vector3::from(b)).norm();
+        let channel = match self {
+            Self::Position | Self::Velocity | Self::Force => &estimate.translation,
+            Self::Attitude | Self::AngularVelocity | Self::Torque => &estimate.rotation,
+        };
+        (channel.error_bound > 0.0).then(|| match self {
+            Self::Position => norm(truth.position_m, estimate.position_m),
+            Self::Velocity => norm(truth.velocity_m_s, estimate.velocity_m_s),
+            Self::Force => norm(truth.matched_force_n, estimate.matched_force_n),
+            Self::Attitude => quaternion(truth.attitude_wxyz).angle_to(&quaternion(estimate.attitude_wxyz)),
+            Self::AngularVelocity => norm(truth.angular_velocity_rad_s, estimate.angular_velocity_rad_s),
+            Self::Torque => norm(truth.matched_torque_n_m, estimate.matched_torque_n_m),
+        })
+    }
 }
 
 /// The true state at an instant, between the two published ones around it.
@@ -97,62 +132,23 @@ pub(super) fn quaternion([w, x, y, z]: [f64; 4]) -> UnitQuaternion<f64> {
     UnitQuaternion::from_quaternion(Quaternion::new(w, x, y, z))
 }
 
-/// Errors of an estimate; `None` where there is no truth at its instant.
-pub(super) fn error_at(truths: &[Truth], estimate: &Estimate) -> Option<ErrorNorms> {
-    let truth = truth_at(truths, estimate.stamp_ns)?;
-    let norm = |a: [f64; 3], b: [f64; 3]| (Vector3::from(a) - Vector3::from(b)).norm();
-    let translates = estimate.translation.error_bound > 0.0;
-    let rotates = estimate.rotation.error_bound > 0.0;
-    let translation = |error: f64| translates.then_some(error);
-    let rotation = |error: f64| rotates.then_some(error);
-    Some(ErrorNorms {
-        position_m: translation(norm(truth.position_m, estimate.position_m)),
-        velocity_m_s: translation(norm(truth.velocity_m_s, estimate.velocity_m_s)),
-        force_n: translation(norm(truth.matched_force_n, estimate.matched_force_n)),
-        attitude_rad: rotation(quaternion(truth.attitude_wxyz).angle_to(&quaternion(estimate.attitude_wxyz))),
-        angular_velocity_rad_s: rotation(norm(truth.angular_velocity_rad_s, estimate.angular_velocity_rad_s)),
-        torque_n_m: rotation(norm(truth.matched_torque_n_m, estimate.matched_torque_n_m)),
-    })
-}
-
 /// Root of the mean square, and maximum, of an error's norm.
-#[derive(Debug, Clone, Copy, Serialize)]
+#[derive(Debug, Clone, Copy)]
 pub(super) struct RmsMax {
     pub(super) rms: f64,
     pub(super) max: f64,
 }
 
-/// All errors of a run, over its second half: after it had time to learn.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Errors {
-    pub(super) position_m: Option<RmsMax>,
-    pub(super) velocity_m_s: Option<RmsMax>,
-    pub(super) attitude_rad: Option<RmsMax>,
-    pub(super) angular_velocity_rad_s: Option<RmsMax>,
-    pub(super) force_n: Option<RmsMax>,
-    pub(super) torque_n_m: Option<RmsMax>,
-}
-
-impl Errors {
-    pub(super) fn over_second_half(run: &Run, estimates: &[Estimate]) -> Self {
+impl RmsMax {
+    /// Of the errors over a run's second half, after it had time to learn; `None` where there are none.
+    pub(super) fn over_second_half(run: &Run, estimates: &[Estimate], quantity: Quantity) -> Option<Self> {
         let half_s = run.duration_s() / 2.0;
         let second_half = estimates.iter().filter(|estimate| run.seconds(estimate.stamp_ns) >= half_s);
-        let errors: Vec<ErrorNorms> =
-            second_half.filter_map(|estimate| error_at(&run.truths, estimate)).collect();
-        let of = |pick: fn(&ErrorNorms) -> Option<f64>| {
-            let values: Vec<f64> = errors.iter().filter_map(pick).collect();
-            let mean_square = values.iter().map(|value| value * value).sum::<f64>() / values.len() as f64;
-            let max = values.iter().copied().fold(0.0, f64::max);
-            (!values.is_empty()).then_some(RmsMax { rms: mean_square.sqrt(), max })
-        };
-        Self {
-            position_m: of(|e| e.position_m),
-            velocity_m_s: of(|e| e.velocity_m_s),
-            attitude_rad: of(|e| e.attitude_rad),
-            angular_velocity_rad_s: of(|e| e.angular_velocity_rad_s),
-            force_n: of(|e| e.force_n),
-            torque_n_m: of(|e| e.torque_n_m),
-        }
+        let errors: Vec<f64> =
+            second_half.filter_map(|estimate| quantity.error(&run.truths, estimate)).collect();
+        let mean_square = errors.iter().map(|error| error * error).sum::<f64>() / errors.len() as f64;
+        let max = errors.iter().copied().fold(0.0, f64::max);
+        (!errors.is_empty()).then_some(Self { rms: mean_square.sqrt(), max })
     }
 }
 
@@ -184,9 +180,9 @@ mod tests {
         let estimates =
             [(1, 100.0), (2, 3.0), (3, 4.0)].map(|(s, x)| estimate(s * 1_000_000_000, x)).to_vec();
         let run = Run::new(truths, Vec::new(), estimates).unwrap();
-        let errors = Errors::over_second_half(&run, &run.estimates);
-        let position = errors.position_m.unwrap();
+        let errors = |quantity| RmsMax::over_second_half(&run, &run.estimates, quantity);
+        let position = errors(Quantity::Position).unwrap();
         assert_eq!((position.rms, position.max), (12.5_f64.sqrt(), 4.0));
-        assert!(errors.torque_n_m.is_none());
+        assert!(errors(Quantity::Torque).is_none());
     }
 }

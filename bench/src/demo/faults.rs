@@ -6,10 +6,10 @@
 //! is at most 1.5 times that level. What lasts longer shows in the RMS error from 2 s to 5 s after the fault, or until
 //! the next one.
 
-use super::errors::{Run, error_at};
+use super::errors::{Quantity, Run};
+use crate::harness::output::table;
 use crate::plot::{Line, LineStyle, Panel, Shade};
 use anyhow::{Context, bail};
-use comfy_table::{Table, presets::UTF8_FULL_CONDENSED};
 use daemon::config::ConfigFile;
 use daemon::engine::to_payload;
 use daemon::gate::Gate;
@@ -23,7 +23,7 @@ use sim_publisher::{Simulation, SimulationOptions};
 const AROUND_S: f64 = 2.0;
 /// The estimate is back when its RMS over this time (s) …
 const WINDOW_S: f64 = 0.5;
-/// … is at most so many times the fault-free level.
+/// … is at most this many times the fault-free level.
 const BACK_WITHIN: f64 = 1.5;
 /// What the service counts until then belongs to the fault (s), unless another one starts before.
 const COUNTED_FOR_S: f64 = 2.0;
@@ -53,37 +53,6 @@ pub(super) fn without_faults(
         to_payload(&observer.estimate(estimate.stamp_ns).into())
     });
     Ok(estimates.collect())
-}
-
-/// The quantity by which faults are judged.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Judged {
-    Velocity,
-    AngularVelocity,
-}
-
-impl Judged {
-    fn name(self) -> &'static str {
-        match self {
-            Self::Velocity => "velocity error (m/s)",
-            Self::AngularVelocity => "angular velocity error (rad/s)",
-        }
-    }
-
-    fn key(self) -> &'static str {
-        match self {
-            Self::Velocity => "velocity_error_m_s",
-            Self::AngularVelocity => "angular_velocity_error_rad_s",
-        }
-    }
-
-    fn of(self, run: &Run, estimate: &Estimate) -> Option<f64> {
-        let errors = error_at(&run.truths, estimate)?;
-        match self {
-            Self::Velocity => errors.velocity_m_s,
-            Self::AngularVelocity => errors.angular_velocity_rad_s,
-        }
-    }
 }
 
 /// An error over time: (s after the start, error), in the order of time.
@@ -156,7 +125,8 @@ struct Effect {
 /// What all faults of a run did.
 #[derive(Debug)]
 pub(super) struct FaultReport {
-    judged: Judged,
+    /// Velocity, or angular velocity where there is no translation.
+    judged: Quantity,
     effects: Vec<Effect>,
     estimates_not_finite: usize,
     with: Curve,
@@ -173,11 +143,11 @@ impl FaultReport {
         summary: &Value,
     ) -> anyhow::Result<Self> {
         let judged = match run.estimates.iter().any(|estimate| estimate.translation.error_bound > 0.0) {
-            true => Judged::Velocity,
-            false => Judged::AngularVelocity,
+            true => Quantity::Velocity,
+            false => Quantity::AngularVelocity,
         };
         let curve = |estimates: &[Estimate]| -> Curve {
-            let point = |e: &Estimate| Some((run.seconds(e.stamp_ns), judged.of(run, e)?));
+            let point = |e: &Estimate| Some((run.seconds(e.stamp_ns), judged.error(&run.truths, e)?));
             estimates.iter().filter_map(point).collect()
         };
         let (with, without) = (curve(&run.estimates), curve(without));
@@ -228,11 +198,17 @@ impl FaultReport {
         Ok(Self { judged, effects, estimates_not_finite, with, without })
     }
 
+    /// The judged error, with its unit.
+    fn label(&self) -> &'static str {
+        match self.judged {
+            Quantity::Velocity => "velocity error (m/s)",
+            _ => "angular velocity error (rad/s)",
+        }
+    }
+
     pub(super) fn print(&self) {
-        let mut table = Table::new();
-        table.load_style(UTF8_FULL_CONDENSED);
-        let worst = format!("worst {}", self.judged.name());
-        table.set_header([
+        let worst = format!("worst {}", self.label());
+        let header = [
             "",
             "fault",
             "samples",
@@ -242,12 +218,12 @@ impl FaultReport {
             "back after (s)",
             "RMS 2 s later",
             "the service counted",
-        ]);
+        ];
         let number = |value: Option<f64>| value.map_or("-".into(), |value| format!("{value:.4}"));
-        for (i, effect) in self.effects.iter().enumerate() {
+        let row = |(i, effect): (usize, &Effect)| {
             let rises =
                 effect.rises.iter().map(|(name, count)| format!("{} {count}", name.replace('_', " ")));
-            table.add_row([
+            [
                 (i + 1).to_string(),
                 effect.fault.to_string().replacen(',', "\n", 1),
                 effect.samples.map_or("-".into(), |samples| samples.to_string()),
@@ -257,9 +233,9 @@ impl FaultReport {
                 effect.back_after_s.map_or("not seen".into(), |s| format!("{s:.2}")),
                 number(effect.rms_afterwards),
                 rises.collect::<Vec<_>>().join("\n"),
-            ]);
-        }
-        outln!("{table}");
+            ]
+        };
+        outln!("{}", table(&header, header.len(), self.effects.iter().enumerate().map(row)));
         outln!(
             "back: RMS over {WINDOW_S} s at most {BACK_WITHIN} times that of the same run without faults; \
              counted until {COUNTED_FOR_S} s after the fault or the next one\n"
@@ -270,7 +246,7 @@ impl FaultReport {
     }
 
     pub(super) fn put_json(&self, document: &mut Map<String, Value>) {
-        let key = self.judged.key();
+        let key = self.judged.names().1.replace("{}", "error");
         let effect = |effect: &Effect| {
             let rises: Map<String, Value> =
                 effect.rises.iter().map(|(name, count)| (name.clone(), (*count).into())).collect();
@@ -298,17 +274,11 @@ impl FaultReport {
 
     /// The error with and without faults.
     pub(super) fn panel(&self) -> Panel {
-        let line =
-            |label: &str, points: &Curve, style| Line { label: label.into(), points: points.clone(), style };
-        Panel {
-            y_label: self.judged.name().into(),
-            lines: vec![
-                line("with faults", &self.with, LineStyle::Estimate),
-                line("the same without faults", &self.without, LineStyle::Comparison),
-            ],
-            log_x: false,
-            log_y: true,
-        }
+        let lines = vec![
+            Line::new("with faults", LineStyle::Estimate, self.with.clone()),
+            Line::new("the same without faults", LineStyle::Comparison, self.without.clone()),
+        ];
+        Panel { log_y: true, ..Panel::new(self.label(), lines) }
     }
 
     /// The faults' times, with their numbers in the table.

@@ -1,15 +1,16 @@
 //! What the demo shows at its end: a table, a figure, or one JSON document.
 
-use super::errors::{Errors, RmsMax, Run, quaternion, truth_at};
+use super::errors::{Quantity, RmsMax, Run, quaternion, truth_at};
 use super::faults::FaultReport;
+use crate::harness::latency::HEADER;
+use crate::harness::output::table;
 use crate::plot::{Line, LineStyle, Panel};
-use comfy_table::{Table, presets::UTF8_FULL_CONDENSED};
 use serde_json::{Map, Value, json};
 use shared_types::Truth;
 use shared_types::outln;
 use shared_types::payload::{Estimate, LatencySummary, Rejection, Status};
 use sim_publisher::Scenario;
-use std::path::PathBuf;
+use std::path::Path;
 
 /// Everything that was measured.
 pub(super) struct Report {
@@ -19,24 +20,13 @@ pub(super) struct Report {
     pub(super) duration_s: f64,
     pub(super) samples_sent: u64,
     pub(super) status: Status,
-    pub(super) with: Errors,
-    pub(super) without: Errors,
+    /// Over the second half, with and without adaptation.
+    pub(super) errors: [(Quantity, [Option<RmsMax>; 2]); 6],
     pub(super) faults: Option<FaultReport>,
 }
 
-type Quantity = (&'static str, &'static str, fn(&Errors) -> Option<RmsMax>);
-
-const QUANTITIES: [Quantity; 6] = [
-    ("position (m)", "position_{}_m", |e| e.position_m),
-    ("velocity (m/s)", "velocity_{}_m_s", |e| e.velocity_m_s),
-    ("unknown force (N)", "force_{}_n", |e| e.force_n),
-    ("attitude (rad)", "attitude_{}_rad", |e| e.attitude_rad),
-    ("angular velocity (rad/s)", "angular_velocity_{}_rad_s", |e| e.angular_velocity_rad_s),
-    ("unknown torque (N·m)", "torque_{}_n_m", |e| e.torque_n_m),
-];
-
 impl Report {
-    pub(super) fn print(&self, plots: &[PathBuf]) {
+    pub(super) fn print(&self, plot: &Path) {
         let status = &self.status;
         outln!(
             "{} with preset {}: {:.1} s at {} Hz, service and vehicle as two processes\n",
@@ -45,22 +35,13 @@ impl Report {
             self.duration_s,
             self.rate_hz
         );
-        let mut errors = Table::new();
-        errors.load_style(UTF8_FULL_CONDENSED);
-        errors.set_header([
-            "error, second half",
-            "RMS",
-            "max",
-            "RMS without adaptation",
-            "max without adaptation",
-        ]);
-        for (name, _, of) in QUANTITIES {
-            if let (Some(with), Some(without)) = (of(&self.with), of(&self.without)) {
-                let cells = [with.rms, with.max, without.rms, without.max].map(|value| format!("{value:.4}"));
-                errors.add_row(std::iter::once(name.to_owned()).chain(cells));
-            }
-        }
-        outln!("{errors}\n");
+        let rows = self.errors.iter().filter_map(|&(quantity, errors)| {
+            let [Some(with), Some(without)] = errors else { return None };
+            let cells = [with.rms, with.max, without.rms, without.max].map(|value| format!("{value:.4}"));
+            Some(std::iter::once(quantity.names().0.to_owned()).chain(cells))
+        });
+        let header = ["error, second half", "RMS", "max", "RMS without adaptation", "max without adaptation"];
+        outln!("{}\n", table(&header, 1, rows));
         outln!(
             "samples: {} sent, {} used, {} lost, {} rejected;  ticks: {}, {} deadlines missed, {} coasting",
             self.samples_sent,
@@ -74,29 +55,25 @@ impl Report {
         for reason in Rejection::ALL.into_iter().filter(|&reason| status.counters.rejected(reason) > 0) {
             outln!("  rejected: {} {}", status.counters.rejected(reason), reason.words());
         }
-        let mut latencies = Table::new();
-        latencies.load_style(UTF8_FULL_CONDENSED);
-        latencies.set_header(["latency (µs)", "count", "p50", "p90", "p99", "p99.9", "max"]);
-        for (name, latency) in [
+        let rows = [
             ("wake-up after the deadline", status.wake_up_lateness_ns),
             ("step, wake-up to publication", status.step_ns),
             ("source's stamp to publication", status.source_to_publish_ns),
-        ] {
+        ];
+        let rows = rows.map(|(name, latency)| {
             let LatencySummary { count, p50, p90, p99, p999, max } = latency;
             let us = [p50, p90, p99, p999, max].map(|ns| format!("{:.1}", ns as f64 / 1e3));
-            latencies.add_row([name.to_owned(), count.to_string()].into_iter().chain(us));
-        }
-        outln!("{latencies}\n");
+            [name.to_owned(), count.to_string()].into_iter().chain(us)
+        });
+        outln!("{}\n", table(&[["latency (µs)"].as_slice(), &HEADER].concat(), 1, rows));
         if let Some(faults) = &self.faults {
             faults.print();
         }
-        for plot in plots {
-            outln!("{}", plot.display());
-        }
+        outln!("{}", plot.display());
     }
 
     /// The document of `--json`; a quantity that the scenario does not have is null, with its reason.
-    pub(super) fn json(&self, plots: &[PathBuf]) -> Value {
+    pub(super) fn json(&self, plot: &Path) -> Value {
         let status = &self.status;
         let mut document = Map::new();
         let mut put = |key: String, value: Value| document.insert(key, value);
@@ -110,12 +87,12 @@ impl Report {
         put("samples_rejected".into(), status.counters.samples_rejected_total().into());
         put("ticks".into(), status.counters.ticks.into());
         put("deadline_misses".into(), status.counters.deadline_misses.into());
-        for (_, key, of) in QUANTITIES {
-            for (suffix, errors) in [("", &self.with), ("_without_adaptation", &self.without)] {
+        for (quantity, errors) in &self.errors {
+            for (suffix, error) in ["", "_without_adaptation"].into_iter().zip(errors) {
                 for (statistic, pick) in [("rms", (|e| e.rms) as fn(RmsMax) -> f64), ("max", |e| e.max)] {
-                    let key = key.replace("{}", statistic) + suffix;
-                    match of(errors) {
-                        Some(error) => put(key, pick(error).into()),
+                    let key = quantity.names().1.replace("{}", statistic) + suffix;
+                    match error {
+                        Some(error) => put(key, pick(*error).into()),
                         None => {
                             let reason = format!("scenario {} has no such channel", self.scenario);
                             put(key.clone() + "_reason", reason.into());
@@ -125,18 +102,14 @@ impl Report {
                 }
             }
         }
-        let quantiles = |latency: LatencySummary| {
-            let LatencySummary { count, p50, p90, p99, p999, max } = latency;
-            json!({ "count": count, "p50": p50, "p90": p90, "p99": p99, "p999": p999, "max": max })
-        };
-        put("step_ns".into(), quantiles(status.step_ns));
-        put("wake_up_lateness_ns".into(), quantiles(status.wake_up_lateness_ns));
-        put("source_to_estimate_ns".into(), quantiles(status.source_to_publish_ns));
+        put("step_ns".into(), json!(status.step_ns));
+        put("wake_up_lateness_ns".into(), json!(status.wake_up_lateness_ns));
+        put("source_to_estimate_ns".into(), json!(status.source_to_publish_ns));
         if let Some(faults) = &self.faults {
             faults.put_json(&mut document);
         }
         let mut put = |key: String, value: Value| document.insert(key, value);
-        put("plots".into(), plots.iter().map(|plot| plot.display().to_string()).collect());
+        put("plots".into(), json!([plot.display().to_string()]));
         Value::Object(document)
     }
 }
@@ -151,14 +124,12 @@ pub(super) fn panels(run: &Run, without: &[Estimate], scenario: Scenario) -> Vec
         let curve = |estimates: &[Estimate]| {
             estimates.iter().map(|estimate| (run.seconds(estimate.stamp_ns), of_estimate(estimate))).collect()
         };
-        let mut lines = vec![Line { label: "truth".into(), points: truth, style: LineStyle::Truth }];
+        let mut lines = vec![Line::new("truth", LineStyle::Truth, truth)];
         if compare {
-            let (label, points) = ("without adaptation".into(), curve(without));
-            lines.push(Line { label, points, style: LineStyle::Comparison });
+            lines.push(Line::new("without adaptation", LineStyle::Comparison, curve(without)));
         }
-        let (points, style) = (curve(&run.estimates), LineStyle::Estimate);
-        lines.push(Line { label: "estimate".into(), points, style });
-        Panel { y_label: label.into(), lines, log_x: false, log_y: false }
+        lines.push(Line::new("estimate", LineStyle::Estimate, curve(&run.estimates)));
+        Panel::new(label, lines)
     };
     let error = |label: &str, of: fn(&Truth, &Estimate) -> f64| {
         let curve = |estimates: &[Estimate]| -> Vec<(f64, f64)> {
@@ -167,10 +138,10 @@ pub(super) fn panels(run: &Run, without: &[Estimate], scenario: Scenario) -> Vec
             errors.collect()
         };
         let lines = vec![
-            Line { label: "without adaptation".into(), points: curve(without), style: LineStyle::Comparison },
-            Line { label: "estimate".into(), points: curve(&run.estimates), style: LineStyle::Estimate },
+            Line::new("without adaptation", LineStyle::Comparison, curve(without)),
+            Line::new("estimate", LineStyle::Estimate, curve(&run.estimates)),
         ];
-        Panel { y_label: label.into(), lines, log_x: false, log_y: false }
+        Panel::new(label, lines)
     };
     let translation = || {
         vec![

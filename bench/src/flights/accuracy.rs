@@ -87,7 +87,7 @@ impl Flight {
     }
 }
 
-/// What is compared: take a sample, say the velocity of a later instant.
+/// What is compared: it takes samples, and predicts the velocity at a later instant.
 pub(crate) trait Estimator: Clone {
     /// The prediction for this stamp, before the sample of the same stamp is taken.
     fn predict(&mut self, stamp_ns: u64) -> Vector3<f64>;
@@ -110,46 +110,41 @@ impl Estimator for ObserverEstimator {
 }
 
 #[derive(Clone)]
-struct KalmanEstimator<'a, New> {
-    new: &'a New,
+struct KalmanEstimator {
+    filter: KalmanFilter,
     known_force_n: Vector3<f64>,
     input_n: Vector3<f64>,
-    stamp_ns: u64,
-    filter: Option<KalmanFilter>,
+    /// Of the filter's state; `None` before the first measurement.
+    stamp_ns: Option<u64>,
 }
 
-impl<'a, New: Fn(&Vector3<f64>) -> KalmanFilter> KalmanEstimator<'a, New> {
-    fn new(new: &'a New, known_force_n: Vector3<f64>) -> Self {
-        Self { new, known_force_n, input_n: Vector3::zeros(), stamp_ns: 0, filter: None }
+impl KalmanEstimator {
+    fn new(filter: KalmanFilter, known_force_n: Vector3<f64>) -> Self {
+        Self { filter, known_force_n, input_n: Vector3::zeros(), stamp_ns: None }
     }
 }
 
-impl<New: Fn(&Vector3<f64>) -> KalmanFilter> Estimator for KalmanEstimator<'_, New>
-where
-    Self: Clone,
-{
+impl Estimator for KalmanEstimator {
     fn predict(&mut self, stamp_ns: u64) -> Vector3<f64> {
-        let Some(filter) = &mut self.filter else { return Vector3::zeros() };
-        let h_s = (stamp_ns - self.stamp_ns) as f64 / 1e9;
+        let Some(from_ns) = self.stamp_ns else { return Vector3::zeros() };
+        let h_s = (stamp_ns - from_ns) as f64 / 1e9;
         if h_s > 0.0 {
-            filter.predict(&(self.input_n + self.known_force_n), h_s);
+            self.filter.predict(&(self.input_n + self.known_force_n), h_s);
         }
-        self.stamp_ns = stamp_ns;
-        filter.velocity_m_s()
+        self.stamp_ns = Some(stamp_ns);
+        self.filter.velocity_m_s()
     }
 
     fn take(&mut self, sample: &Sample) -> anyhow::Result<()> {
         self.predict(sample.stamp_ns);
-        self.stamp_ns = sample.stamp_ns;
         self.input_n = sample.force_n.unwrap_or(self.input_n);
-        match (sample.velocity, &mut self.filter) {
-            (Some(Velocity::Inertial(velocity)), Some(filter)) => filter.correct(&velocity),
-            (Some(Velocity::Inertial(velocity)), None) => {
-                self.filter = Some((self.new)(&velocity));
-                Ok(())
-            }
-            _ => Ok(()),
+        let Some(Velocity::Inertial(velocity)) = sample.velocity else { return Ok(()) };
+        if self.stamp_ns.is_some() {
+            return self.filter.correct(&velocity);
         }
+        self.filter.start_at(&velocity);
+        self.stamp_ns = Some(sample.stamp_ns);
+        Ok(())
     }
 }
 
@@ -229,9 +224,8 @@ pub(crate) fn evaluate_kalman(
     let known_force_n = translation.mass_kg * Vector3::from(translation.gravity_m_s2)
         + Vector3::from(translation.known_force_n);
     let evaluate = |q: f64| {
-        let filter =
-            |velocity: &Vector3<f64>| KalmanFilter::new(translation.mass_kg, q, KALMAN_NOISE_M2_S2, velocity);
-        Ok((q, evaluate(flight, KalmanEstimator::new(&filter, known_force_n))?))
+        let filter = KalmanFilter::new(translation.mass_kg, q, KALMAN_NOISE_M2_S2);
+        Ok((q, evaluate(flight, KalmanEstimator::new(filter, known_force_n))?))
     };
     KALMAN_DENSITIES_N2_S.into_iter().map(evaluate).collect()
 }
@@ -303,9 +297,9 @@ mod tests {
         let flight = Flight::new(samples, 0.5).unwrap();
         let config = ConfigFile::preset("acsl-x8").unwrap();
         let ours = evaluate(&flight, ObserverEstimator(config.observer().unwrap())).unwrap();
-        let filter = |velocity: &Vector3<f64>| KalmanFilter::new(2.2, 0.0, 0.01, velocity);
+        let filter = KalmanFilter::new(2.2, 0.0, 0.01);
         let gravity = Vector3::new(0.0, 0.0, 2.2 * 9.81);
-        let theirs = evaluate(&flight, KalmanEstimator::new(&filter, gravity)).unwrap();
+        let theirs = evaluate(&flight, KalmanEstimator::new(filter, gravity)).unwrap();
         assert_eq!(ours.coasts.len(), 10);
         // A held velocity lags by half a sample; the dead zone hides that, and it is no force.
         assert!(ours.coast_rms_m_s < 0.01, "{}", ours.coast_rms_m_s);

@@ -1,6 +1,6 @@
 //! Which recorded flight, and which configuration: the arguments of everything that works on one.
 
-use crate::flights::accuracy::Flight;
+use super::accuracy::Flight;
 use anyhow::Context;
 use clap::Args;
 use daemon::config::ConfigFile;

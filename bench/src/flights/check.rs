@@ -1,7 +1,7 @@
 //! `bench replay --check`: a flight record, replayed and compared estimate by estimate.
 
+use crate::harness::output::{show, table};
 use anyhow::{Context, bail, ensure};
-use comfy_table::{Table, presets::UTF8_FULL_CONDENSED};
 use daemon::replay::{self, SessionReport};
 use flight_record::Reader;
 use serde::Serialize;
@@ -25,10 +25,7 @@ pub(crate) fn run(file: &Path, json: bool) -> anyhow::Result<()> {
     let n_same: u64 = sessions.iter().map(|session| session.ticks_same).sum();
     let same = n_same > 0 && sessions.iter().all(|session| session.difference.is_none());
     let document = Document { file: name, same, torn_bytes: reader.torn_bytes(), sessions };
-    match json {
-        true => outln!("{}", serde_json::to_string_pretty(&document)?),
-        false => print(&document),
-    }
+    show(json, &document, || print(&document))?;
     let here = observer::vector_unit();
     let first = document.sessions.iter().find_map(|session| Some((session, session.difference.as_ref()?)));
     let Some((session, difference)) = first else {
@@ -51,9 +48,7 @@ pub(crate) fn run(file: &Path, json: bool) -> anyhow::Result<()> {
 }
 
 fn print(document: &Document) {
-    let mut table = Table::new();
-    table.load_style(UTF8_FULL_CONDENSED);
-    table.set_header([
+    let header = [
         "session",
         "began",
         "time (s)",
@@ -62,10 +57,10 @@ fn print(document: &Document) {
         "missing",
         "unchecked",
         "first difference",
-    ]);
-    for (j, session) in document.sessions.iter().enumerate() {
+    ];
+    let rows = document.sessions.iter().enumerate().map(|(j, session)| {
         let difference = session.difference.as_ref();
-        table.add_row([
+        [
             format!("{} {}", j + 1, session.instance),
             if session.resumed { "from a snapshot" } else { "anew" }.into(),
             format!("{:.1}", session.duration_s),
@@ -74,9 +69,9 @@ fn print(document: &Document) {
             session.ticks_missing.to_string(),
             session.ticks_unchecked.to_string(),
             difference.map_or("none".into(), |d| format!("tick {}: {}", d.tick, d.field)),
-        ]);
-    }
-    outln!("{table}");
+        ]
+    });
+    outln!("{}", table(&header, header.len(), rows));
     if document.torn_bytes > 0 {
         outln!("{} bytes are torn: what a kill or a failed write left of a frame", document.torn_bytes);
     }

@@ -4,5 +4,5 @@
 mod accuracy;
 mod arguments;
 mod check;
-pub mod replay;
-pub mod tune;
+pub(crate) mod replay;
+pub(crate) mod tune;

@@ -5,22 +5,22 @@
 //! the same coasts over the whole flight but its first 2 s, learning as it goes. The Kalman filter's q is
 //! swept, and each of its columns shows the best of all q: in its favour.
 
-use crate::flights::accuracy::{
+use super::accuracy::{
     Accuracy, COAST_EVERY_S, Flight, LEARN_IN_S, ObserverEstimator, best, evaluate, evaluate_kalman,
 };
-use crate::flights::arguments::{FlightArguments, Replay};
-use crate::flights::check;
-use crate::plot::{self, Line, LineStyle, Panel};
+use super::arguments::{FlightArguments, Replay};
+use super::check;
+use crate::harness::output::{show, table};
+use crate::plot::{self, Figure, Line, LineStyle, Panel};
 use anyhow::Context;
 use clap::Args;
-use comfy_table::{Table, presets::UTF8_FULL_CONDENSED};
 use serde::Serialize;
 use shared_types::outln;
 use std::path::PathBuf;
 
 /// Arguments of `bench replay`.
 #[derive(Debug, Args)]
-pub struct ReplayArguments {
+pub(crate) struct ReplayArguments {
     #[command(flatten)]
     flight: FlightArguments,
     /// The file is a record of `daemon run --record`: replay it and compare every estimate to the bit.
@@ -29,7 +29,7 @@ pub struct ReplayArguments {
     /// Print one JSON document.
     #[arg(long)]
     json: bool,
-    /// Draw the coasts into FILE.svg or FILE.png.
+    /// Draw the coasts to FILE.svg.
     #[arg(long, value_name = "FILE")]
     plot: Option<PathBuf>,
 }
@@ -70,7 +70,7 @@ struct Document {
 ///
 /// # Errors
 /// The flight or the configuration cannot be read, or the flight is too short.
-pub fn run(arguments: &ReplayArguments) -> anyhow::Result<()> {
+pub(crate) fn run(arguments: &ReplayArguments) -> anyhow::Result<()> {
     if arguments.check {
         return check::run(&arguments.flight.file, arguments.json);
     }
@@ -122,11 +122,7 @@ pub fn run(arguments: &ReplayArguments) -> anyhow::Result<()> {
     if let Some(file) = &arguments.plot {
         draw(file, &flight, &learning, &best_coast.1)?;
     }
-    match arguments.json {
-        true => outln!("{}", serde_json::to_string_pretty(&document)?),
-        false => print_table(&document),
-    }
-    Ok(())
+    show(arguments.json, &document, || print_table(&document))
 }
 
 fn print_table(document: &Document) {
@@ -146,23 +142,22 @@ fn print_table(document: &Document) {
         document.coasts,
         document.coast_s,
     );
-    let mut table = Table::new();
-    table.load_style(UTF8_FULL_CONDENSED);
     let coast = format!("{} s coast (m/s)", document.coast_s);
-    table.set_header(["estimator", "next sample (m/s)", &coast, "coast, whole flight (m/s)"]);
-    for row in &document.rows {
+    let header = ["estimator", "next sample (m/s)", &coast, "coast, whole flight (m/s)"];
+    let rows = document.rows.iter().map(|row| {
         let with_q = |value: f64, q: Option<f64>| match q {
             Some(q) => format!("{value:.4}  (q = {q} N²/s)"),
             None => format!("{value:.4}"),
         };
-        table.add_row([
+        [
             row.estimator.to_owned(),
             with_q(row.one_step_rms_m_s, row.one_step_q_n2_s),
             with_q(row.coast_rms_m_s, row.coast_q_n2_s),
             with_q(row.whole_flight_coast_rms_m_s, row.whole_flight_coast_q_n2_s),
-        ]);
-    }
-    outln!("{table}");
+        ]
+    });
+    // The densities stand beside the numbers: nothing is aligned at the right.
+    outln!("{}", table(&header, header.len(), rows));
 }
 
 fn draw(file: &std::path::Path, flight: &Flight, ours: &Accuracy, kalman: &Accuracy) -> anyhow::Result<()> {
@@ -188,26 +183,14 @@ fn draw(file: &std::path::Path, flight: &Flight, ours: &Accuracy, kalman: &Accur
                     })
                     .collect()
             };
-            Panel {
-                y_label: (*label).into(),
-                lines: vec![
-                    Line { label: "measured".into(), points: measured, style: LineStyle::Truth },
-                    Line {
-                        label: "Kalman filter, coasting".into(),
-                        points: coasts(kalman),
-                        style: LineStyle::Comparison,
-                    },
-                    Line {
-                        label: "observer, coasting".into(),
-                        points: coasts(ours),
-                        style: LineStyle::Estimate,
-                    },
-                ],
-                log_x: false,
-                log_y: false,
-            }
+            let lines = vec![
+                Line::new("measured", LineStyle::Truth, measured),
+                Line::new("Kalman filter, coasting", LineStyle::Comparison, coasts(kalman)),
+                Line::new("observer, coasting", LineStyle::Estimate, coasts(ours)),
+            ];
+            Panel::new(label, lines)
         })
         .collect();
     let title = format!("Velocity predicted for {} s without measurements", flight.coast_s);
-    plot::draw_to(file, &title, "time in the air (s)", &panels)
+    Figure::new(&title, "time in the air (s)", panels).write(file)
 }

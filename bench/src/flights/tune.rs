@@ -16,15 +16,15 @@
 //! block, the candidate that is chosen on the others is judged on it, and the highest μ within a standard error of the
 //! best one is taken (Breiman et al., *Classification and Regression Trees*, 1984, §3.4.3).
 
-use crate::flights::accuracy::{Finding, Flight, ObserverEstimator, best, evaluate, evaluate_kalman, fly};
-use crate::flights::arguments::{FlightArguments, Replay};
+use super::accuracy::{Finding, Flight, ObserverEstimator, best, evaluate, evaluate_kalman, fly};
+use super::arguments::{FlightArguments, Replay};
+use crate::harness::output::{progress_bar, show, table};
 use anyhow::{Context, ensure};
 use argmin::core::{CostFunction, Executor};
 use argmin::solver::neldermead::NelderMead;
 use clap::Args;
-use comfy_table::{Table, presets::UTF8_FULL_CONDENSED};
 use daemon::config::{ConfigFile, LengthScaleConfig, SymmetricMatrix, TranslationConfig};
-use indicatif::{ProgressBar, ProgressStyle};
+use indicatif::ProgressBar;
 use nalgebra::Vector3;
 use serde::Serialize;
 use shared_types::outln;
@@ -34,8 +34,8 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 
 /// Blocks of the cross-validation.
 const N_BLOCKS: usize = 3;
-/// Most centers that are tried: the exact solver's.
-const MOST_CENTERS: usize = 1000;
+/// The exact solver is used up to this number of centers; no more are tried.
+const MAX_CENTERS: usize = 1000;
 /// What a candidate costs that is refused, or lies outside of the bounds; no real one comes near.
 const REFUSED: f64 = 1e3;
 /// Prices μ of the distance from the start; the last one is hardly ever worth a step.
@@ -43,8 +43,8 @@ const PRICES: [f64; 9] = [0.0, 0.001, 0.003, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0];
 /// Factors on λ, Γ, ℓ, the dead zone and the spacing from which the searches start.
 const STARTS: [[f64; 5]; 4] =
     [[1.0; 5], [1.0, 0.1, 1.0, 1.0, 1.0], [2.0, 1.0, 2.0, 0.5, 1.0], [0.5, 0.2, 0.5, 1.0, 1.0]];
-/// Errors below this count alike (m/s).
-const LEAST_ERROR_M_S: f64 = 1e-6;
+/// Errors below this count as this (m/s).
+const MIN_ERROR_M_S: f64 = 1e-6;
 /// A search that panics ends the program.
 const UNPOISONED: &str = "no search panicked";
 /// Edge of the first simplex, as a factor.
@@ -52,10 +52,10 @@ const EDGE: f64 = 1.6;
 
 /// Arguments of `bench tune`.
 #[derive(Debug, Args)]
-pub struct TuneArguments {
+pub(crate) struct TuneArguments {
     #[command(flatten)]
     flight: FlightArguments,
-    /// The nominal mass too, within a quarter of its value: where nobody weighed the vehicle as it flies.
+    /// Search the nominal mass too, within a quarter of its value: for a vehicle that was not weighed as it flies.
     #[arg(long)]
     mass: bool,
     /// How much the coasts count beside the next sample's prediction, 0 … 1.
@@ -140,7 +140,7 @@ struct Search<'a> {
 ///
 /// # Errors
 /// The flight or the configuration cannot be used, or the result not be written.
-pub fn run(arguments: &TuneArguments) -> anyhow::Result<()> {
+pub(crate) fn run(arguments: &TuneArguments) -> anyhow::Result<()> {
     let weight = arguments.coast_weight;
     ensure!((0.0..=1.0).contains(&weight), "--coast-weight {weight}: needed: 0 … 1");
     let Replay { config: start, flight, .. } = arguments.flight.read()?;
@@ -149,10 +149,8 @@ pub fn run(arguments: &TuneArguments) -> anyhow::Result<()> {
     let first_half = flight.first_half()?;
     let base = values_of(translation, &first_half)?;
 
-    let bar = ProgressBar::new(arguments.evaluations).with_style(
-        ProgressStyle::with_template("{bar:40} {pos}/{len} configurations, {eta} left; best {msg}")
-            .expect("a valid template"),
-    );
+    let bar =
+        progress_bar(arguments.evaluations, "{bar:40} {pos}/{len} configurations, {eta} left; best {msg}");
     let mut search = Search {
         start: &start,
         base,
@@ -208,11 +206,7 @@ pub fn run(arguments: &TuneArguments) -> anyhow::Result<()> {
         std::fs::write(&arguments.out, text).with_context(|| format!("cannot write '{file}'"))?;
         document.written = Some(file);
     }
-    match arguments.json {
-        true => outln!("{}", serde_json::to_string_pretty(&document)?),
-        false => print(&document),
-    }
-    Ok(())
+    show(arguments.json, &document, || print(&document))
 }
 
 /// The start's own numbers; the box of its centers widened to the velocities flown, with a tenth of their range to spare.
@@ -268,7 +262,7 @@ impl Search<'_> {
         let within = coordinates.iter().all(|c| c.abs() < 50_f64.ln())
             && (0.75..=1.25).contains(&mass_factor)
             && (0.2..=2.0).contains(&factor(4))
-            && n_centers <= MOST_CENTERS;
+            && n_centers <= MAX_CENTERS;
         within.then(|| Values {
             mass_kg: base.mass_kg * mass_factor,
             gain_per_s: base.gain_per_s * factor(0),
@@ -446,7 +440,7 @@ struct MeanLog {
 
 impl MeanLog {
     fn add(&mut self, error: &Vector3<f64>) {
-        self.sum += error.norm().max(LEAST_ERROR_M_S).ln();
+        self.sum += error.norm().max(MIN_ERROR_M_S).ln();
         self.count += 1;
     }
 
@@ -495,21 +489,19 @@ fn print(document: &Document) {
         n[1],
         n[2],
     );
-    let mut table = Table::new();
-    table.load_style(UTF8_FULL_CONDENSED);
     let coast = format!("{} s coast (m/s)", document.coast_s);
-    table.set_header(["RMS of the velocity error's norm", "next sample (m/s)", &coast]);
-    for (name, errors) in [
+    let rows = [
         ("first half, tuned on: before", document.tuned_on[0]),
         ("first half, tuned on: after", document.tuned_on[1]),
         ("second half, never seen: before", document.second_half[0]),
         ("second half, never seen: after", document.second_half[1]),
         ("second half, Kalman filter, best of 14", document.kalman_second_half),
-    ] {
-        let cell = |value: f64| format!("{value:.4}");
-        table.add_row([name.into(), cell(errors.one_step_rms_m_s), cell(errors.coast_rms_m_s)]);
-    }
-    outln!("{table}");
+    ];
+    let rows = rows.map(|(name, errors)| {
+        let [step, coast] = [errors.one_step_rms_m_s, errors.coast_rms_m_s].map(|v| format!("{v:.4}"));
+        [name.to_owned(), step, coast]
+    });
+    outln!("{}", table(&["RMS of the velocity error's norm", "next sample (m/s)", &coast], 1, rows));
     outln!(
         "cross-validated over time: {:.2} times the start's errors on thirds that did not choose; price of distance {}",
         document.cross_validated_ratio,

@@ -1,10 +1,12 @@
 //! The vehicle's side of a measured exchange: a sample goes out, the estimate that holds it comes back.
 
 use anyhow::bail;
+use daemon::cycle::wait_for_deadline;
 use shared_types::client::{MeasurementPublisher, Stream};
 use shared_types::clock::monotonic_ns;
 use shared_types::payload::Estimate;
 use shared_types::{Client, Measurement};
+use std::sync::atomic::{AtomicBool, Ordering};
 
 /// Samples of a vehicle that accelerates all the time, so that there is something to learn at every step.
 #[derive(Debug, Default)]
@@ -134,4 +136,51 @@ pub(crate) fn connect(exchange: &mut impl Exchange, vehicle: &mut MovingVehicle)
     bail!(
         "no estimate holds the samples that were sent: does the preset use velocities or angular velocities?"
     )
+}
+
+/// What came back.
+#[derive(Debug, Default)]
+pub(crate) struct Seen {
+    /// Sample's stamp to the estimate's arrival (ns).
+    pub(crate) source_to_estimate_ns: Vec<u64>,
+    /// Samples whose estimate did not come within two periods.
+    pub(crate) unanswered: u64,
+    /// Samples that were due while the estimate before was still awaited, and not sent.
+    pub(crate) skipped: u64,
+}
+
+/// The publisher of the samples polls the clock for this long before each.
+const VEHICLE_SPIN_NS: u64 = 200_000;
+
+/// Sends samples at a rate and polls for the estimate of each; `between` is done after each.
+pub(crate) fn send_at_rate(
+    exchange: &mut ServiceExchange,
+    vehicle: &mut MovingVehicle,
+    rate_hz: f64,
+    seconds: f64,
+    mut between: impl FnMut(),
+    stop: &AtomicBool,
+) -> anyhow::Result<Seen> {
+    let n_samples = (seconds * rate_hz).ceil().max(1.0);
+    let period_ns = 1e9 / rate_hz * (1.0 + 1.0 / n_samples);
+    let start_ns = monotonic_ns() + period_ns as u64;
+    let mut seen = Seen::default();
+    for i in 0..n_samples as u64 {
+        if stop.load(Ordering::Relaxed) {
+            break;
+        }
+        let due_ns = start_ns + (i as f64 * period_ns) as u64;
+        // An estimate that came after the next sample was due: that one is left out, and counted.
+        if monotonic_ns() > due_ns {
+            seen.skipped += 1;
+            continue;
+        }
+        wait_for_deadline(due_ns, VEHICLE_SPIN_NS);
+        match round_trip(exchange, vehicle, 2 * period_ns as u64)? {
+            Some(trip) => seen.source_to_estimate_ns.push(trip.whole_ns),
+            None => seen.unanswered += 1,
+        }
+        between();
+    }
+    Ok(seen)
 }

@@ -4,15 +4,19 @@ use anyhow::{Context, bail};
 use daemon::config::PRESETS;
 use daemon::system::real_time;
 use rustix::process::{Pid, Signal, WaitOptions, kill_process, waitpid};
-use shared_types::Domain;
+use shared_types::{Client, Domain};
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
-use std::fs::File;
+use std::fs::{self, File};
 use std::io::{Read, Seek, Write};
 use std::os::unix::process::CommandExt;
 use std::process::{Command, Stdio};
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
+use std::time::Duration;
 use tempfile::NamedTempFile;
+
+/// How long a process may take to answer.
+pub(crate) const PATIENCE: Duration = Duration::from_secs(10);
 
 /// Set by Ctrl-C and its like, from now on: a measurement ends early, in order.
 pub(crate) fn stop_flag() -> anyhow::Result<Arc<AtomicBool>> {
@@ -108,7 +112,7 @@ impl Child {
             .args(arguments)
             .arg("--root")
             .arg(domain.domain().root())
-            // What a measurement teaches is nobody's to keep.
+            // What is learned in a measurement is not kept.
             .env("OBSERVER_STATE", "none")
             .stdin(Stdio::null())
             .stdout(output.try_clone()?)
@@ -124,9 +128,14 @@ impl Child {
         Ok(self.process.try_wait()?.is_some())
     }
 
-    /// Its process id.
-    pub(crate) fn pid(&self) -> u32 {
-        self.process.id()
+    /// Processor time of all of its threads (ns).
+    pub(crate) fn cpu_ns(&self) -> anyhow::Result<u64> {
+        cpu_ns(self.process.id())
+    }
+
+    /// Resident memory that it does not share with files or other processes (kB).
+    pub(crate) fn private_kb(&self) -> anyhow::Result<u64> {
+        private_kb(self.process.id())
     }
 
     /// Stops all of its threads where they are, and returns once they stand still: it costs no core then.
@@ -149,6 +158,27 @@ impl Child {
     pub(crate) fn terminate(&self) {
         // It may have ended already.
         let _ = kill_process(Pid::from_child(&self.process), Signal::TERM);
+    }
+
+    /// Asks it to end, and waits until it has.
+    pub(crate) fn stop(self) -> anyhow::Result<()> {
+        self.terminate();
+        self.finish().map(drop)
+    }
+
+    /// Connects to its service's instance; an error tells what it logged.
+    pub(crate) fn connect(&self, domain: &OwnDomain, instance: &str) -> anyhow::Result<Client> {
+        Client::connect(domain.domain(), instance, PATIENCE)
+            .or_else(|error| Err(error).with_context(|| self.log()))
+    }
+
+    /// Waits for the end of a vehicle and returns the document that it printed, and how many samples it sent.
+    pub(crate) fn finish_with_summary(self) -> anyhow::Result<(serde_json::Value, u64)> {
+        let summary: serde_json::Value =
+            serde_json::from_str(&self.finish()?).context("read the vehicle's summary")?;
+        let n_samples =
+            summary["samples_published"].as_u64().context("the vehicle's summary has no samples")?;
+        Ok((summary, n_samples))
     }
 
     /// Waits for its end and returns what it printed.
@@ -176,9 +206,45 @@ impl Drop for Child {
     }
 }
 
+fn cpu_ns(pid: u32) -> anyhow::Result<u64> {
+    let mut sum_ns = 0;
+    for thread in fs::read_dir(format!("/proc/{pid}/task"))? {
+        let text = fs::read_to_string(thread?.path().join("schedstat"))?;
+        let on_cpu_ns = text.split_whitespace().next().and_then(|ns| ns.parse::<u64>().ok());
+        sum_ns += on_cpu_ns.with_context(|| format!("schedstat of process {pid}: '{text}'"))?;
+    }
+    Ok(sum_ns)
+}
+
+fn private_kb(pid: u32) -> anyhow::Result<u64> {
+    let text = fs::read_to_string(format!("/proc/{pid}/status")).context("read a process's memory")?;
+    let line = text.lines().find_map(|line| line.strip_prefix("RssAnon:"));
+    let number = line.and_then(|line| line.trim().strip_suffix(" kB")?.trim().parse().ok());
+    number.context("/proc/PID/status has no RssAnon")
+}
+
 fn read_all(file: &mut File) -> anyhow::Result<String> {
     let mut text = String::new();
     file.rewind()?;
     file.read_to_string(&mut text)?;
     Ok(text)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::time::Instant;
+
+    #[test]
+    fn a_process_s_own_use_is_read_from_the_kernel() {
+        let pid = std::process::id();
+        let before_ns = cpu_ns(pid).unwrap();
+        let started = Instant::now();
+        while started.elapsed() < Duration::from_millis(30) {
+            std::hint::spin_loop();
+        }
+        assert!(cpu_ns(pid).unwrap() > before_ns);
+        assert!(private_kb(pid).unwrap() > 0);
+        assert!(private_kb(u32::MAX).is_err());
+    }
 }

@@ -1,13 +1,13 @@
 //! The paper's figures: truth and estimate against time, one panel for each axis.
 
-use super::Example;
 use super::rows::{Motion, Row};
-use crate::plot::{self, Line, LineStyle, Panel};
+use super::settings::Example;
+use crate::plot::{Figure, Line, LineStyle, PageSize, Panel};
 use nalgebra::Vector3;
 use std::f64::consts::{PI, TAU};
 use std::path::{Path, PathBuf};
 
-/// Draws the figures of an example into a directory, each as SVG and PNG, and returns the files.
+/// Draws the figures of an example into a directory, each as SVG, and returns the files.
 pub(super) fn draw(directory: &Path, example: Example, rows: &[Row]) -> anyhow::Result<Vec<PathBuf>> {
     let pose: fn(&Motion) -> Vector3<f64> = |motion| motion.pose;
     let rate: fn(&Motion) -> Vector3<f64> = |motion| motion.rate;
@@ -27,18 +27,17 @@ pub(super) fn draw(directory: &Path, example: Example, rows: &[Row]) -> anyhow::
             };
             let truth = curve(|row| &row.truth);
             let estimate = curve(|row| &row.estimate);
-            Panel {
-                y_label: labels[axis].into(),
-                lines: vec![
-                    Line { label: "truth".into(), points: truth, style: LineStyle::Truth },
-                    Line { label: "estimate".into(), points: estimate, style: LineStyle::Estimate },
-                ],
-                log_x: false,
-                log_y: false,
-            }
+            let lines = vec![
+                Line::new("truth", LineStyle::Truth, truth),
+                Line::new("estimate", LineStyle::Estimate, estimate),
+            ];
+            Panel::new(labels[axis], lines)
         };
-        let panels = [0, 1, 2].map(panel);
-        files.extend(plot::draw_column(&directory.join(name), "time (s)", &panels)?);
+        // A paper has the title below the figure.
+        let figure = Figure::new("", "time (s)", [0, 1, 2].map(panel).to_vec());
+        let file = directory.join(format!("{name}.svg"));
+        Figure { page: PageSize::Column, ..figure }.write(&file)?;
+        files.push(file);
     }
     Ok(files)
 }

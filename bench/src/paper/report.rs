@@ -2,8 +2,8 @@
 
 use super::rows::Row;
 use super::run::Run;
-use super::{Example, FeltAt, Initial, Scheme, Settings, Shape};
-use comfy_table::{CellAlignment, Table, presets::UTF8_FULL_CONDENSED};
+use super::settings::{Example, FeltAt, Initial, Scheme, Settings, Shape};
+use crate::harness::output::table;
 use nalgebra::Vector3;
 use serde::Serialize;
 use serde_json::{Map, Value, json};
@@ -173,9 +173,6 @@ impl Report {
             settings.kernel_order,
         );
 
-        let mut table = Table::new();
-        table.load_style(UTF8_FULL_CONDENSED);
-        table.set_header([&["RMS error", "part"], axes.as_slice(), &["norm"]].concat());
         let quantities = match settings.example {
             Example::Translation => [
                 ("position (m)", self.pose),
@@ -192,18 +189,15 @@ impl Report {
                 ("  taken for zero", self.true_force),
             ],
         };
-        for (name, parts) in quantities {
-            for (name, part, rms) in
-                [(name, "whole run", parts.whole_run), ("", "second half", parts.second_half)]
-            {
-                let numbers = rms.axes.into_iter().chain([rms.norm]).map(four_digits);
-                table.add_row([name.to_owned(), part.to_owned()].into_iter().chain(numbers));
-            }
-        }
-        for column in table.column_iter_mut().skip(2) {
-            column.set_cell_alignment(CellAlignment::Right);
-        }
-        outln!("{table}");
+        let rows = quantities.into_iter().flat_map(|(name, parts)| {
+            [(name, "whole run", parts.whole_run), ("", "second half", parts.second_half)]
+        });
+        let rows = rows.map(|(name, part, rms)| {
+            let numbers = rms.axes.into_iter().chain([rms.norm]).map(four_digits);
+            [name.to_owned(), part.to_owned()].into_iter().chain(numbers)
+        });
+        let header = [&["RMS error", "part"], axes.as_slice(), &["norm"]].concat();
+        outln!("{}", table(&header, 2, rows));
 
         if self.learning_share == 0.0 {
             outln!("nothing was learned: no output error left the dead zone");

@@ -14,7 +14,7 @@
 //! | `sigma` | σ as used | that of ỹ for the quadratic shape, else 1 |
 //! | `coverage` | P_N(y_j), from 0 to √κ(0) | 1 |
 
-use super::Example;
+use super::settings::Example;
 use nalgebra::Vector3;
 use std::fs::File;
 use std::io::{self, BufWriter, Write};
@@ -77,57 +77,18 @@ impl Row {
 }
 
 /// The columns' names.
-pub fn columns(example: Example) -> [&'static str; N_COLUMNS] {
-    match example {
-        Example::Translation => [
-            "t_s",
-            "r1",
-            "r2",
-            "r3",
-            "v1",
-            "v2",
-            "v3",
-            "r1_hat",
-            "r2_hat",
-            "r3_hat",
-            "v1_hat",
-            "v2_hat",
-            "v3_hat",
-            "f1",
-            "f2",
-            "f3",
-            "f1_hat",
-            "f2_hat",
-            "f3_hat",
-            "output_error",
-            "sigma",
-            "coverage",
-        ],
-        Example::Rotation => [
-            "t_s",
-            "phi",
-            "theta",
-            "psi",
-            "w1",
-            "w2",
-            "w3",
-            "phi_hat",
-            "theta_hat",
-            "psi_hat",
-            "w1_hat",
-            "w2_hat",
-            "w3_hat",
-            "f1",
-            "f2",
-            "f3",
-            "f1_hat",
-            "f2_hat",
-            "f3_hat",
-            "output_error",
-            "sigma",
-            "coverage",
-        ],
-    }
+pub fn columns(example: Example) -> Vec<&'static str> {
+    let names = match example {
+        Example::Translation => {
+            "t_s r1 r2 r3 v1 v2 v3 r1_hat r2_hat r3_hat v1_hat v2_hat v3_hat f1 f2 f3 f1_hat f2_hat f3_hat \
+             output_error sigma coverage"
+        }
+        Example::Rotation => {
+            "t_s phi theta psi w1 w2 w3 phi_hat theta_hat psi_hat w1_hat w2_hat w3_hat f1 f2 f3 f1_hat f2_hat \
+             f3_hat output_error sigma coverage"
+        }
+    };
+    names.split(' ').collect()
 }
 
 /// Writes the rows as comma-separated values under one line of names.

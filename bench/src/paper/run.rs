@@ -13,7 +13,7 @@
 //! The truth moves by Runge–Kutta steps of at most 1 ms under the held u_j and its own f, felt without pause.
 
 use super::rows::{Motion, Row};
-use super::{Example, FeltAt, Initial, Scheme, Settings, UsageError};
+use super::settings::{Example, FeltAt, Initial, Scheme, Settings, UsageError};
 use anyhow::ensure;
 use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 use observer::{

@@ -1,34 +1,30 @@
 //! Latency over N, on logarithmic axes.
 
-use super::Solver;
 use super::report::{Rival, Row};
-use crate::plot::{self, Line, LineStyle, Panel};
+use super::subject::Solver;
+use crate::plot::{Figure, Line, LineStyle, Panel};
 use std::path::Path;
 
 /// Draws all contestants, with N and N² to hold them against.
-///
-/// # Errors
-/// As [`plot::draw_to`].
 pub(super) fn draw(file: &Path, rows: &[Row]) -> anyhow::Result<()> {
     let mut rows: Vec<&Row> = rows.iter().collect();
     rows.sort_by_key(|row| row.n_centers);
     let mut lines = Vec::new();
-    let mut add = |label: String, style, latency_ns: &dyn Fn(&Row) -> Option<f64>| {
+    let mut add = |label: &str, style, latency_ns: &dyn Fn(&Row) -> Option<f64>| {
         let point = |row: &&Row| Some((row.n_centers as f64, 1e-3 * latency_ns(row)?));
         let points: Vec<_> = rows.iter().filter_map(point).collect();
         if !points.is_empty() {
-            lines.push(Line { label, points, style });
+            lines.push(Line::new(label, style, points));
         }
     };
     for solver in Solver::ALL {
         let of_solver = |row: &Row, ns: f64| (row.solver == solver).then_some(ns);
-        add(format!("{solver}, median"), LineStyle::Estimate, &|row| of_solver(row, row.median_ns()));
-        add(format!("{solver}, p99"), LineStyle::Estimate, &|row| of_solver(row, row.p99_ns()));
+        add(&format!("{solver}, median"), LineStyle::Estimate, &|row| of_solver(row, row.median_ns()));
+        add(&format!("{solver}, p99"), LineStyle::Estimate, &|row| of_solver(row, row.p99_ns()));
     }
     let ns = |rival: &Result<Rival, String>| rival.as_ref().ok().map(|rival| rival.median_ns as f64);
-    add("literal formula".into(), LineStyle::Comparison, &|row| ns(&row.literal));
-    add("KRLS".into(), LineStyle::Comparison, &|row| ns(&row.krls));
-    add("Kalman filter".into(), LineStyle::Comparison, &|row| Some(row.kalman.median_ns as f64));
+    add("literal formula", LineStyle::Comparison, &|row| ns(&row.literal));
+    add("Kalman filter", LineStyle::Comparison, &|row| Some(row.kalman.median_ns as f64));
     // The slopes start where the dense step does, and end where it ends.
     let dense: Vec<_> = rows.iter().filter(|row| row.solver == Solver::Dense).collect();
     if let (Some(first), Some(last)) = (dense.first(), dense.last()) {
@@ -36,11 +32,12 @@ pub(super) fn draw(file: &Path, rows: &[Row]) -> anyhow::Result<()> {
             let ns = from.median_ns() * (row.n_centers as f64 / from.n_centers as f64).powi(power);
             (row.solver == Solver::Dense).then_some(ns)
         };
-        add("∝ N".into(), LineStyle::Guide, &|row| scaled(first, row, 1));
-        add("∝ N²".into(), LineStyle::Guide, &|row| scaled(last, row, 2));
+        add("∝ N", LineStyle::Guide, &|row| scaled(first, row, 1));
+        add("∝ N²", LineStyle::Guide, &|row| scaled(last, row, 2));
     }
-    let panel = Panel { y_label: "latency of one step (µs)".into(), lines, log_x: true, log_y: true };
-    plot::draw_to(file, "One step of a channel by number of centers", "number of centers N", &[panel])
+    let panel = Panel { log_y: true, ..Panel::new("latency of one step (µs)", lines) };
+    let title = "One step of a channel by number of centers";
+    Figure { log_x: true, ..Figure::new(title, "number of centers N", vec![panel]) }.write(file)
 }
 
 #[cfg(test)]
@@ -54,11 +51,9 @@ mod tests {
         let file = directory.path().join("step.svg");
         draw(&file, &[row(10), row(100), row(1000)]).unwrap();
         let svg = std::fs::read_to_string(file).unwrap();
-        assert!(
-            ["dense, median", "literal formula", "Kalman filter", "∝ N²"]
-                .iter()
-                .all(|label| svg.contains(label))
-        );
-        assert!(!svg.contains("KRLS"));
+        for label in ["dense, median", "literal formula", "Kalman filter", "∝ N²"] {
+            assert!(svg.contains(label), "{label}");
+        }
+        assert!(!svg.contains("local"));
     }
 }

@@ -1,13 +1,14 @@
-//! Contestants that take turns in small batches of one run, so that a clock that slows down or a neighbour that wakes up
-//! hits all of them alike. Each step is timed on its own, the clock's cost included.
+//! Contestants take turns in small batches of one run, so that a slower clock or another process affects all of them
+//! alike. Each step is timed on its own, the clock's cost included.
 
+use super::arguments::StepArguments;
 use super::channel::{DEAD_ZONE_WIDTH, INPUT, STEP_S, wandering_outputs};
 use super::kalman::DisturbanceFilter;
 use super::literal::{LiteralChannel, check_agreement};
 use super::memory::MemoryProbe;
-use super::online_kernel::OnlineKernelMethod;
 use super::report::{QUANTILES, Rival, Row, YARDSTICK};
-use super::{Solver, StepArguments, Subject};
+use super::subject::{Solver, Subject};
+use crate::harness::latency::quantile;
 use indicatif::ProgressBar;
 use nalgebra::Vector3;
 use rustix::time::{ClockId, clock_gettime};
@@ -17,7 +18,7 @@ use std::time::{Duration, Instant};
 /// A size is measured in about this many rounds, each with a batch of every contestant.
 const ROUNDS: usize = 100;
 /// Even a slow machine gets this many rounds.
-const LEAST_ROUNDS: usize = 10;
+const MIN_ROUNDS: usize = 10;
 /// A batch of another contestant takes no longer than this, if one step does not.
 const BATCH_NS: u64 = 10_000_000;
 /// Steps at the head of each batch that are not timed: they bring back what the others pushed out of the caches.
@@ -26,8 +27,8 @@ const UNTIMED_STEPS: usize = 3;
 const LONG_STEP_NS: u64 = 1_000_000;
 const WARM_UP: Duration = Duration::from_millis(100);
 /// Steps before that, in which the learning ones are counted.
-const MOST_COUNTED_STEPS: usize = 1000;
-const LEAST_COUNTED_STEPS: usize = 50;
+const MAX_COUNTED_STEPS: usize = 1000;
+const MIN_COUNTED_STEPS: usize = 50;
 
 /// The progress bar's length for one size.
 pub(super) const PROGRESS: u64 = 100;
@@ -43,8 +44,8 @@ struct Contestant<'a> {
 }
 
 impl<'a> Contestant<'a> {
-    /// Runs for a while, and chooses its batch: as many steps as fit into `batch_ns`, at most `most`.
-    fn warmed_up(step: impl FnMut(usize) + 'a, batch_ns: u64, most: usize) -> Self {
+    /// Runs for a while, and chooses its batch: as many steps as fit into `batch_ns`, at most `max_batch`.
+    fn warmed_up(step: impl FnMut(usize) + 'a, batch_ns: u64, max_batch: usize) -> Self {
         let mut contestant =
             Self { step: Box::new(step), at: 0, untimed_steps: 0, batch: 1, samples_ns: Vec::new() };
         let started = Instant::now();
@@ -53,7 +54,7 @@ impl<'a> Contestant<'a> {
         }
         let median_ns = quantile(contestant.sorted_ns(), 0.5).max(1);
         contestant.untimed_steps = if median_ns > LONG_STEP_NS { 1 } else { UNTIMED_STEPS };
-        contestant.batch = (batch_ns / median_ns).clamp(1, most as u64) as usize;
+        contestant.batch = (batch_ns / median_ns).clamp(1, max_batch as u64) as usize;
         // Touched, so that no page is mapped while the clock runs.
         contestant.samples_ns.clear();
         contestant.samples_ns.resize(2 * ROUNDS * contestant.batch, 1);
@@ -87,15 +88,6 @@ impl<'a> Contestant<'a> {
     }
 }
 
-/// The smallest sample that a share `q` of all samples does not exceed (nearest rank).
-///
-/// # Panics
-/// Without samples.
-fn quantile(sorted: &[u64], q: f64) -> u64 {
-    let rank = (q * sorted.len() as f64).ceil() as usize;
-    sorted[rank.clamp(1, sorted.len()) - 1]
-}
-
 /// Measures a channel among those contestants that are run at its size.
 ///
 /// # Errors
@@ -115,9 +107,6 @@ pub(super) fn measure(
         Ok(literal) => Some(check_agreement(&mut subject.channel, literal, &outputs)?),
         Err(_) => None,
     };
-    let mut krls = arguments.krls(&subject, || {
-        OnlineKernelMethod::new(subject.channel.law.space().centers()).map_err(|error| error.to_string())
-    });
     let mut kalman = DisturbanceFilter::new();
     // What the local solver is measured against.
     let mut dense_27 = match subject.solver {
@@ -128,7 +117,7 @@ pub(super) fn measure(
     let channel = &mut subject.channel;
     let (mut estimate, mut literal_estimate) = (Vector3::zeros(), Vector3::zeros());
     let (mut n_open, mut n_counted, started) = (0, 0, Instant::now());
-    while n_counted < LEAST_COUNTED_STEPS || (n_counted < MOST_COUNTED_STEPS && started.elapsed() < WARM_UP) {
+    while n_counted < MIN_COUNTED_STEPS || (n_counted < MAX_COUNTED_STEPS && started.elapsed() < WARM_UP) {
         estimate = channel.step(&estimate, output(n_counted), &INPUT, STEP_S);
         n_open += usize::from(channel.law.output_error().norm() > DEAD_ZONE_WIDTH);
         n_counted += 1;
@@ -137,34 +126,28 @@ pub(super) fn measure(
     let budget = Duration::from_secs_f64(arguments.seconds_per_size);
     let n_samples = arguments.samples as usize;
     let our_batch_ns = (budget / (2 * ROUNDS as u32)).as_nanos() as u64;
-    let most_at_once = n_samples.div_ceil(ROUNDS);
+    let max_batch = n_samples.div_ceil(ROUNDS);
     let mut ours = Contestant::warmed_up(
         |i| estimate = channel.step(black_box(&estimate), output(i), black_box(&INPUT), STEP_S),
         our_batch_ns,
-        most_at_once,
+        max_batch,
     );
     let mut literal = literal.as_mut().map(|literal| {
         let step = |i| {
             literal_estimate = literal.step(black_box(&literal_estimate), output(i), black_box(&INPUT)).0;
         };
-        Contestant::warmed_up(step, BATCH_NS, most_at_once)
+        Contestant::warmed_up(step, BATCH_NS, max_batch)
     });
-    let mut krls = krls.as_mut().map(|krls| {
-        let step = |i| {
-            black_box(krls.step(output(i)));
-        };
-        Contestant::warmed_up(step, BATCH_NS, most_at_once)
-    });
-    let mut kalman_turns = Contestant::warmed_up(|i| kalman.step(output(i)), BATCH_NS, most_at_once);
+    let mut kalman_turns = Contestant::warmed_up(|i| kalman.step(output(i)), BATCH_NS, max_batch);
     let mut yardstick_estimate = Vector3::zeros();
     let mut yardstick = dense_27.as_mut().map(|channel| {
         let step = |i| {
             yardstick_estimate =
                 channel.step(black_box(&yardstick_estimate), output(i), black_box(&INPUT), STEP_S);
         };
-        Contestant::warmed_up(step, BATCH_NS, most_at_once)
+        Contestant::warmed_up(step, BATCH_NS, max_batch)
     });
-    let mut reading = Contestant::warmed_up(|_| memory.read(), BATCH_NS, most_at_once);
+    let mut reading = Contestant::warmed_up(|_| memory.read(), BATCH_NS, max_batch);
 
     let start_of_bar = progress.position();
     let (started, cpu_time_before) = (Instant::now(), cpu_time_s());
@@ -172,12 +155,12 @@ pub(super) fn measure(
         let done = ours.samples_ns.len() as f64 / n_samples as f64;
         let spent = started.elapsed().as_secs_f64() / budget.as_secs_f64();
         progress.set_position(start_of_bar + (done.max(spent).min(1.0) * PROGRESS as f64) as u64);
-        if done >= 1.0 || (round >= LEAST_ROUNDS && spent >= 1.0) {
+        if done >= 1.0 || (round >= MIN_ROUNDS && spent >= 1.0) {
             break;
         }
         ours.batch = ours.batch.min(n_samples - ours.samples_ns.len());
         ours.run_batch();
-        let others = literal.iter_mut().chain(&mut krls).chain(&mut yardstick);
+        let others = literal.iter_mut().chain(&mut yardstick);
         for rival in others.chain([&mut kalman_turns, &mut reading]) {
             rival.run_batch();
         }
@@ -199,7 +182,6 @@ pub(super) fn measure(
         memory_gb_per_s: MemoryProbe::gb_per_s(reading.rival().median_ns),
         literal: literal.map(Contestant::rival).map_err(|reason| reason.clone()),
         literal_force_difference,
-        krls: krls.map(Contestant::rival).map_err(|reason| reason.clone()),
         kalman: kalman_turns.rival(),
         yardstick: yardstick.map(Contestant::rival),
     };
@@ -211,19 +193,4 @@ pub(super) fn measure(
 fn cpu_time_s() -> f64 {
     let time = clock_gettime(ClockId::ThreadCPUTime);
     time.tv_sec as f64 + 1e-9 * time.tv_nsec as f64
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    /// With 1…1000 in order, a share q of the samples does not exceed 1000 q.
-    #[test]
-    fn quantiles_are_samples_of_the_nearest_rank() {
-        let sorted: Vec<u64> = (1..=1000).collect();
-        let found = [0.5, 0.99, 0.999, 1.0, 0.0].map(|q| quantile(&sorted, q));
-        assert_eq!(found, [500, 990, 999, 1000, 1]);
-        assert_eq!(quantile(&[7], 0.999), 7);
-        assert_eq!(quantile(&[1, 9], 0.5), 1);
-    }
 }

@@ -1,8 +1,8 @@
 //! What was measured: rows, their table, their document, and what they say in words.
 
-use super::Solver;
+use super::subject::Solver;
 use crate::harness::machine::Machine;
-use comfy_table::{CellAlignment, Table, presets};
+use crate::harness::output::{table, three_digits};
 use serde_json::{Map, Value, json};
 use shared_types::outln;
 
@@ -47,7 +47,6 @@ pub(super) struct Row {
     pub(super) literal: Result<Rival, String>,
     /// Largest difference between our force and the literal one, relative to the force.
     pub(super) literal_force_difference: Option<f64>,
-    pub(super) krls: Result<Rival, String>,
     pub(super) kalman: Rival,
     /// The dense step of [`YARDSTICK`] centers, in turns with a local one.
     pub(super) yardstick: Option<Rival>,
@@ -108,7 +107,7 @@ impl Row {
             put("literal_force_difference_reason".into(), json!(reason));
         }
         let kalman = Ok(self.kalman);
-        for (name, rival) in [("literal", &self.literal), ("kalman", &kalman), ("krls", &self.krls)] {
+        for (name, rival) in [("literal", &self.literal), ("kalman", &kalman)] {
             put(format!("{name}_samples"), json!(rival.as_ref().map_or(0, |rival| rival.samples)));
             put(format!("{name}_median_ns"), json!(rival.as_ref().ok().map(|rival| rival.median_ns)));
             put(format!("{name}_ratio"), json!(rival.as_ref().ok().map(|rival| self.ratio(rival))));
@@ -129,8 +128,7 @@ pub(super) fn document(machine: &Machine, rows: &[Row]) -> Value {
 
 pub(super) fn print(machine: &Machine, rows: &[Row]) {
     machine.print();
-    let mut table = Table::new();
-    table.load_style(presets::UTF8_FULL_CONDENSED).set_header([
+    let header = [
         "solver",
         "N",
         "kB",
@@ -142,15 +140,14 @@ pub(super) fn print(machine: &Machine, rows: &[Row]) {
         "ns/center",
         "of memory",
         "literal",
-        "KRLS",
         "Kalman",
-    ]);
+    ];
     let ratio = |rival: Result<&Rival, &String>, row: &Row| {
         rival.map_or("–".into(), |rival| times(row.ratio(rival)))
     };
-    for row in rows {
+    let row = |row: &Row| {
         let microseconds = |quantile: usize| three_digits(row.quantiles_ns[quantile] as f64 * 1e-3);
-        table.add_row([
+        [
             row.solver.to_string(),
             row.n_centers.to_string(),
             three_digits(row.bytes as f64 * 1e-3),
@@ -162,27 +159,22 @@ pub(super) fn print(machine: &Machine, rows: &[Row]) {
             three_digits(row.median_ns() / row.n_centers as f64),
             three_digits(row.memory_share()),
             ratio(row.literal.as_ref(), row),
-            ratio(row.krls.as_ref(), row),
             ratio(Ok(&row.kalman), row),
-        ]);
-    }
-    table.column_iter_mut().skip(1).for_each(|column| column.set_cell_alignment(CellAlignment::Right));
-    outln!("{table}");
+        ]
+    };
+    outln!("{}", table(&header, 1, rows.iter().map(row)));
     outln!("kB: what a step reads of the factor and the centers.");
     outln!(
         "of memory: the speed of that over a plain loop through 256 MB, in turns with it; above 1 in a cache."
     );
-    outln!("literal, KRLS, Kalman: their median over ours, in turns; – was not run:");
+    outln!("literal, Kalman: their median over ours, in turns; – was not run:");
     outln!("  literal  the paper's formula with nalgebra, 3N×3N matrices");
-    outln!(
-        "  KRLS     irithyll's kernel recursive least squares, our kernel, N in its dictionary, one per output"
-    );
     outln!("  Kalman   adskalman's filter, 6 states and 3 outputs, whatever N is\n");
     findings(rows).iter().for_each(|finding| outln!("{finding}"));
 }
 
-/// A thread on a core of its own has it for more of the time.
-const LEAST_CORE_SHARE: f64 = 0.97;
+/// Below this share of its core, the thread was disturbed.
+const MIN_CORE_SHARE: f64 = 0.97;
 
 /// What the rows say, a sentence each.
 fn findings(rows: &[Row]) -> Vec<String> {
@@ -195,17 +187,17 @@ fn findings(rows: &[Row]) -> Vec<String> {
     let open = rows.iter().map(|row| row.dead_zone_open).fold(1.0, f64::min);
     findings.push(format!("At least {:.0} % of our steps learned.", 100.0 * open));
     let share = rows.iter().map(|row| row.core_share).fold(1.0, f64::min);
-    if share < LEAST_CORE_SHARE {
+    if share < MIN_CORE_SHARE {
         findings.push(format!(
             "The machine was busy: at one size other processes had the core for {:.0} % of the time. Compare only what \
-             took turns, and trust no maximum.",
+             took turns; the maxima mean nothing.",
             100.0 * (1.0 - share)
         ));
     }
     findings
 }
 
-/// How the dense steps grow, and what they are beside the other contestants.
+/// How the dense steps grow, and where they cost as much as the Kalman filter's.
 fn dense_findings(rows: &[Row]) -> Vec<String> {
     let mut findings = Vec::new();
     let mut rows: Vec<_> = rows.iter().filter(|row| row.solver == Solver::Dense).collect();
@@ -229,21 +221,6 @@ fn dense_findings(rows: &[Row]) -> Vec<String> {
             largest.set_up_s
         ));
     }
-    let between = |name: &str, rivals: Vec<(usize, f64)>| {
-        let (first, last) = (rivals.first()?, rivals.last()?);
-        let mut sentence = format!("{name} takes {} our time at N = {}", times(first.1), first.0);
-        if rivals.len() > 1 {
-            sentence += &format!(", {} at N = {}", times(last.1), last.0);
-        }
-        Some(sentence + ".")
-    };
-    let ratios = |rival: &dyn Fn(&Row) -> Option<Rival>| {
-        let ratio = |row: &&Row| Some((row.n_centers, row.ratio(&rival(row)?)));
-        rows.iter().filter_map(ratio).collect::<Vec<_>>()
-    };
-    findings.extend(between("The literal formula", ratios(&|row| row.literal.clone().ok())));
-    findings.extend(between("KRLS", ratios(&|row| row.krls.clone().ok())));
-    findings.extend(between("The Kalman filter", ratios(&|row| Some(row.kalman))));
     if let Some(n) = crossing(&rows) {
         findings.push(format!("A dense step costs as much as the Kalman filter's at about N = {n:.0}."));
     }
@@ -294,15 +271,6 @@ fn times(ratio: f64) -> String {
     }
 }
 
-fn three_digits(value: f64) -> String {
-    match value {
-        _ if value < 0.9995 => format!("{value:.3}"),
-        _ if value < 9.995 => format!("{value:.2}"),
-        _ if value < 99.95 => format!("{value:.1}"),
-        _ => format!("{value:.0}"),
-    }
-}
-
 #[cfg(test)]
 pub(super) mod tests {
     use super::*;
@@ -327,7 +295,6 @@ pub(super) mod tests {
                 _ => Err("too large".into()),
             },
             literal_force_difference: None,
-            krls: Err("not asked for".into()),
             kalman: Rival { median_ns: 400, samples: 10 },
             yardstick: None,
         }
@@ -355,15 +322,12 @@ pub(super) mod tests {
         for expected in [
             "A dense step grows as N to the 2.00 (10 to 100).",
             "At N = 100 it takes 10.0 µs and reads at 50 % of the memory's 8.0 GB/s; set up in 0.5 s.",
-            "The literal formula takes ×30.0 our time at N = 10.",
-            "The Kalman filter takes ×4.00 our time at N = 10, 1/25 at N = 100.",
             "costs as much as the Kalman filter's at about N = 20.",
             "At least 90 % of our steps learned.",
             "other processes had the core for 50 % of the time",
         ] {
             assert!(found.contains(expected), "{expected}\nnot in\n{found}");
         }
-        assert!(!found.contains("KRLS"), "{found}");
     }
 
     #[test]

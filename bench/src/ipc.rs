@@ -7,42 +7,37 @@
 //! | service | `Client` publishes a [`Measurement`], a `daemon run` that polls takes, judges and steps it, and publishes an [`Estimate`] that `Client` polls for |
 //! | bare | the same two payloads through iceoryx2's ports alone, another process echoing them |
 //!
-//! Both sides of both ways copy the payloads out of shared memory, as anyone does who uses them.
-//! Whoever is not measured is stopped (SIGSTOP): it does not compete for the core of the other.
-//! Then the calls of the C client beside those of the Rust client that it wraps.
-
-mod c_client;
+//! Both sides of both ways copy the payloads out of shared memory, as a user's program does. The process that is not
+//! measured is stopped (SIGSTOP), so that it does not compete for the other's core.
 
 use crate::harness::exchange::{Exchange, MovingVehicle, Reply, ServiceExchange, Trip, connect, round_trip};
-use crate::harness::latency::{HEADER, cells, summary, table, three_digits};
+use crate::harness::latency::{HEADER, cells, summary};
 use crate::harness::machine::Machine;
-use crate::harness::processes::{Child, OwnDomain, ServiceSettings, stop_flag};
+use crate::harness::output::{progress_bar, say_if_stopped, show, table, three_digits, warn_of_debug_build};
+use crate::harness::processes::{Child, OwnDomain, PATIENCE, ServiceSettings, stop_flag};
 use anyhow::{Context, anyhow, bail};
-use c_client::Comparison;
 use daemon::config::PRESETS;
 use iceoryx2::port::publisher::Publisher;
 use iceoryx2::port::subscriber::Subscriber;
 use iceoryx2::prelude::ipc;
-use indicatif::{ProgressBar, ProgressStyle};
 use serde::Serialize;
 use shared_types::clock::monotonic_ns;
 use shared_types::payload::{Estimate, Measurement};
 use shared_types::service::{self, Node, ServiceError, Services, Topic};
-use shared_types::{Client, Domain, LatencySummary, logln, outln};
+use shared_types::{Domain, LatencySummary, outln};
 use std::ffi::OsString;
 use std::hint::black_box;
 use std::path::Path;
-use std::sync::atomic::Ordering;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-const PATIENCE: Duration = Duration::from_secs(10);
 const TRIP_PATIENCE_NS: u64 = 1_000_000_000;
 /// Instance of the services between the two bare sides.
 const BARE: &str = "bare";
 
 /// Round trips through the service and through bare shared memory.
 #[derive(Debug, Clone, clap::Args)]
-pub struct IpcArguments {
+pub(crate) struct IpcArguments {
     /// Round trips of each way.
     #[arg(long, value_name = "COUNT", default_value_t = 100_000, value_parser = clap::value_parser!(u32).range(1..=10_000_000))]
     samples: u32,
@@ -67,30 +62,16 @@ pub struct IpcArguments {
 ///
 /// # Errors
 /// Fewer than two cores, a process that does not start or answer, shared memory that cannot be used.
-pub fn run(arguments: &IpcArguments) -> anyhow::Result<()> {
-    if cfg!(debug_assertions) {
-        logln!("warning: this is a debug build, its latencies mean nothing; use cargo run --release");
-    }
+pub(crate) fn run(arguments: &IpcArguments) -> anyhow::Result<()> {
+    warn_of_debug_build();
     let stop = stop_flag()?;
     let machine = Machine::found();
-    let report = match machine.other_core() {
-        Ok(core) => {
-            let n_samples = if arguments.quick { 5000 } else { arguments.samples as usize };
-            let stopped = || stop.load(Ordering::Relaxed);
-            let (service, bare) = measure(arguments, n_samples, core, &stopped)?;
-            let clients = compare_clients(n_samples, core, &stopped);
-            Report::of(&machine, arguments, Ok((core, service, bare)), clients)
-        }
-        Err(error) => {
-            let reason = format!("{error:#}");
-            Report::of(&machine, arguments, Err(error), Err(anyhow!(reason)))
-        }
-    };
-    match arguments.json {
-        true => outln!("{}", serde_json::to_string_pretty(&report)?),
-        false => report.print(),
-    }
-    Ok(())
+    let core = machine.other_core()?;
+    let n_samples = if arguments.quick { 5000 } else { arguments.samples as usize };
+    let (service, bare) = measure(arguments, n_samples, core, &stop)?;
+    let report = Report::of(&machine, core, arguments, service, bare)
+        .context("stopped before the first batch: nothing was measured")?;
+    show(arguments.json, &report, || report.print())
 }
 
 /// Times of one way (ns).
@@ -162,8 +143,7 @@ impl<E: Exchange> Contestant<E> {
     fn finish(self) -> anyhow::Result<Times> {
         drop(self.exchange);
         self.other_side.go_on()?;
-        self.other_side.terminate();
-        self.other_side.finish()?;
+        self.other_side.stop()?;
         Ok(self.times)
     }
 }
@@ -172,47 +152,32 @@ fn measure(
     arguments: &IpcArguments,
     n_samples: usize,
     core: usize,
-    stopped: &dyn Fn() -> bool,
+    stop: &AtomicBool,
 ) -> anyhow::Result<(Times, Times)> {
     let domain = OwnDomain::new()?;
     let settings =
         ServiceSettings { preset: &arguments.preset, trigger: "sample", rate_hz: 200.0, spin_us: 0.0 };
     let service = Child::start_service(&domain, "vehicle", &settings, &[core])?;
-    let client = Client::connect(domain.domain(), "vehicle", PATIENCE)
-        .or_else(|error| Err(error).with_context(|| service.log()))?;
+    let client = service.connect(&domain, "vehicle")?;
     let mut service = Contestant::new(ServiceExchange::of(&client)?, service, n_samples)?;
     let echo = Child::start_on(&domain, &["echo"], &[core])?;
     let bare = BareExchange::open(domain.domain(), PATIENCE)
         .or_else(|error| Err(error).with_context(|| echo.log()))?;
     let mut bare = Contestant::new(bare, echo, n_samples)?;
 
-    let style = ProgressStyle::with_template("{bar:40} {elapsed} of about {duration}");
-    let progress =
-        ProgressBar::new(n_samples as u64).with_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()));
+    let progress = progress_bar(n_samples as u64, "{bar:40} {elapsed} of about {duration}");
     let pause = Duration::from_micros(arguments.pause_us.into());
-    while service.times.whole.len() < n_samples && !stopped() {
+    while service.times.whole.len() < n_samples && !stop.load(Ordering::Relaxed) {
         let n_trips = (arguments.batch as usize).min(n_samples - service.times.whole.len());
         service.batch(n_trips, pause)?;
         bare.batch(n_trips, pause)?;
         progress.inc(n_trips as u64);
     }
     progress.finish_and_clear();
-    if stopped() {
-        logln!("bench: stopped; the figures are those of the part that ran");
-    }
+    say_if_stopped(stop);
     let times = (service.finish()?, bare.finish()?);
     drop(client);
     Ok(times)
-}
-
-/// With an echo of their own, so that their ports cost the round trips above nothing.
-fn compare_clients(n_samples: usize, core: usize, stopped: &dyn Fn() -> bool) -> anyhow::Result<Comparison> {
-    let domain = OwnDomain::new()?;
-    let echo = Child::start_on(&domain, &["echo"], &[core])?;
-    let compared = c_client::compare(&domain, BARE, n_samples, stopped).with_context(|| echo.log());
-    echo.terminate();
-    echo.finish()?;
-    compared
 }
 
 /// iceoryx2's ports and nothing else.
@@ -279,7 +244,7 @@ fn subscriber<T: iceoryx2::prelude::ZeroCopySend + std::fmt::Debug>(
 ///
 /// # Errors
 /// Other arguments; shared memory that cannot be used.
-pub fn echo(arguments: &[OsString]) -> anyhow::Result<()> {
+pub(crate) fn echo(arguments: &[OsString]) -> anyhow::Result<()> {
     let [option, root] = arguments else { bail!("needed: echo --root PATH") };
     if option != "--root" {
         bail!("needed: echo --root PATH");
@@ -317,79 +282,52 @@ pub fn echo(arguments: &[OsString]) -> anyhow::Result<()> {
 #[derive(Debug, Serialize)]
 struct Report<'a> {
     machine: &'a Machine,
-    other_core: Option<usize>,
+    other_core: usize,
     preset: &'a str,
     pause_us: u32,
-    service_over_bare_median: Option<f64>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    service_over_bare_median_reason: Option<String>,
-    service_ns: Option<LatencySummary>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    service_ns_reason: Option<String>,
-    bare_ns: Option<LatencySummary>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    bare_ns_reason: Option<String>,
+    service_over_bare_median: f64,
+    service_ns: LatencySummary,
+    bare_ns: LatencySummary,
     service_one_way: OneWay,
     bare_one_way: OneWay,
-    client_calls: Option<Comparison>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    client_calls_reason: Option<String>,
 }
 
-/// The parts of a round trip; null where the round trip is.
-#[derive(Debug, Default, Serialize)]
+/// The parts of a round trip.
+#[derive(Debug, Serialize)]
 struct OneWay {
-    there_ns: Option<LatencySummary>,
-    inside_ns: Option<LatencySummary>,
-    back_ns: Option<LatencySummary>,
+    there_ns: LatencySummary,
+    inside_ns: LatencySummary,
+    back_ns: LatencySummary,
 }
 
 impl OneWay {
-    fn of(times: &mut Times) -> Self {
-        Self {
-            there_ns: summary(&mut times.there),
-            inside_ns: summary(&mut times.inside),
-            back_ns: summary(&mut times.back),
-        }
+    fn of(times: &mut Times) -> Option<Self> {
+        let Times { there, inside, back, .. } = times;
+        Some(Self { there_ns: summary(there)?, inside_ns: summary(inside)?, back_ns: summary(back)? })
     }
 }
 
 impl<'a> Report<'a> {
+    /// `None` where nothing was measured.
     fn of(
         machine: &'a Machine,
+        other_core: usize,
         arguments: &'a IpcArguments,
-        measured: anyhow::Result<(usize, Times, Times)>,
-        clients: anyhow::Result<Comparison>,
-    ) -> Self {
-        let (client_calls, client_calls_reason) = match clients {
-            Ok(comparison) => (Some(comparison), None),
-            Err(error) => (None, Some(format!("{error:#}"))),
-        };
-        let (other_core, (mut service, mut bare), reason) = match measured {
-            Ok((core, service, bare)) => {
-                (Some(core), (service, bare), "stopped before the first batch".into())
-            }
-            Err(error) => (None, Default::default(), format!("{error:#}")),
-        };
-        let (service_ns, bare_ns) = (summary(&mut service.whole), summary(&mut bare.whole));
-        let ratio = service_ns.zip(bare_ns).map(|(ours, bare)| ours.p50 as f64 / bare.p50 as f64);
-        let reason_if = |missing: bool| missing.then(|| reason.clone());
-        Self {
+        mut service: Times,
+        mut bare: Times,
+    ) -> Option<Self> {
+        let (service_ns, bare_ns) = (summary(&mut service.whole)?, summary(&mut bare.whole)?);
+        Some(Self {
             machine,
             other_core,
             preset: &arguments.preset,
             pause_us: arguments.pause_us,
-            service_over_bare_median: ratio,
-            service_over_bare_median_reason: reason_if(ratio.is_none()),
-            service_ns_reason: reason_if(service_ns.is_none()),
-            bare_ns_reason: reason_if(bare_ns.is_none()),
+            service_over_bare_median: service_ns.p50 as f64 / bare_ns.p50 as f64,
             service_ns,
             bare_ns,
-            service_one_way: OneWay::of(&mut service),
-            bare_one_way: OneWay::of(&mut bare),
-            client_calls,
-            client_calls_reason,
-        }
+            service_one_way: OneWay::of(&mut service)?,
+            bare_one_way: OneWay::of(&mut bare)?,
+        })
     }
 
     fn print(&self) {
@@ -398,12 +336,9 @@ impl<'a> Report<'a> {
             0 => "back to back".into(),
             pause_us => format!("{pause_us} µs apart"),
         };
-        let Some(core) = self.other_core else {
-            outln!("not measured: {}", self.service_ns_reason.as_deref().unwrap_or("unknown reason"));
-            return;
-        };
-        outln!("the other side on core {core}; service with preset {}; samples {pause}", self.preset);
-        let row = |name: &str, summary| [vec![name.to_owned()], cells(summary).to_vec()].concat();
+        let (core, preset) = (self.other_core, self.preset);
+        outln!("the other side on core {core}; service with preset {preset}; samples {pause}");
+        let row = |name: &str, found| [vec![name.to_owned()], cells(Some(found)).to_vec()].concat();
         let (service, bare) = (&self.service_one_way, &self.bare_one_way);
         let rows = [
             row("service: round trip", self.service_ns),
@@ -416,31 +351,7 @@ impl<'a> Report<'a> {
             row("  publication until the client has it", bare.back_ns),
         ];
         outln!("{}", table(&[["µs"].as_slice(), &HEADER].concat(), 1, rows));
-        if let Some(ratio) = self.service_over_bare_median {
-            outln!("median of the service's round trip over the bare one: {}", three_digits(ratio));
-        }
-        self.print_client_calls();
-    }
-
-    fn print_client_calls(&self) {
-        let Some(Comparison { clock_ns, calls }) = &self.client_calls else {
-            outln!(
-                "clients not compared: {}",
-                self.client_calls_reason.as_deref().unwrap_or("unknown reason")
-            );
-            return;
-        };
-        outln!(
-            "one call of the Rust client, and of the C client that wraps it; each with {clock_ns} ns of the clock"
-        );
-        let rows = calls.iter().flat_map(|call| {
-            let row = |client, summary, ratio| {
-                [vec![format!("{}: {client}", call.call)], cells(Some(summary)).to_vec(), vec![ratio]]
-                    .concat()
-            };
-            let ratio = three_digits(call.c_over_rust_median);
-            [row("Rust", call.rust_ns, String::new()), row("C", call.c_ns, ratio)]
-        });
-        outln!("{}", table(&[["µs"].as_slice(), &HEADER, &["C over Rust"]].concat(), 1, rows));
+        let ratio = three_digits(self.service_over_bare_median);
+        outln!("median of the service's round trip over the bare one: {ratio}");
     }
 }
