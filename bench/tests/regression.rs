@@ -5,8 +5,9 @@
 //! A change that is meant: `REGRESSION_WRITE=1 cargo test -p bench --test regression`, and say why in the commit.
 
 use daemon::config::{Clock, ConfigFile};
-use daemon::engine::{Engine, Kept, LoopCommand, to_payload};
+use daemon::engine::{Checkpoint, Engine, LoopCommand, to_payload};
 use daemon::gate::{Gate, sample_of};
+use observer::Learn;
 use shared_types::{Estimate, Measurement};
 use sim_publisher::faults::{Delivery, Faults, Faulty, read_faults};
 use sim_publisher::{Format, ImportOptions, Scenario, Simulation, SimulationOptions, read_flight};
@@ -89,18 +90,18 @@ fn through_engine(file: &ConfigFile, arrivals: &Arrivals, tick_hz: f64) -> u64 {
             4100 => engine.carry_out(LoopCommand::Reset),
             _ => {}
         }
-        if engine.good_copy_is_due() {
-            engine.keep_good_copy();
+        if engine.checkpoint_is_due() {
+            engine.save();
         }
         // What was kept goes on in an engine of its own.
         if tick == 2900 {
-            engine.keep_good_copy();
-            let mut learned = vec![0.0; engine.n_kept()];
-            engine.read_kept(0, &mut learned);
-            let kept = Kept { learned, state: engine.kept_state() };
+            engine.save();
+            let mut learned = vec![0.0; engine.n_learned()];
+            engine.read_saved(0, &mut learned);
+            let kept = Checkpoint { learned, state: engine.saved_state() };
             let counters = *engine.counters();
             engine = new();
-            engine.resume(&kept).unwrap();
+            engine.load(&kept).unwrap();
             *engine.counters_mut() = counters;
         }
         tick += 1;
@@ -115,7 +116,7 @@ fn through_library(file: &ConfigFile, arrivals: &Arrivals) -> u64 {
     let mut hash = Hash(0xcbf2_9ce4_8422_2325);
     for (at_ns, source, measurement) in arrivals {
         let Ok(accepted) = gate.judge(measurement, *source, *at_ns) else { continue };
-        observer.accept(&accepted.sample, &accepted.linear);
+        observer.accept(&accepted.sample, &accepted.linear, Learn::ALL);
         for later_ns in [0, 1_500_000, 40_000_000] {
             hash.add(&to_payload(&observer.estimate(accepted.sample.stamp_ns + later_ns)));
         }

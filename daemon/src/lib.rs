@@ -194,7 +194,7 @@ impl Service {
             None => Default::default(),
         };
         let (snapshots, saver) =
-            snapshot::saver(snapshot, instance, &config, (engine.n_kept(), files.is_fresh));
+            snapshot::saver(snapshot, instance, &config, (engine.n_learned(), files.is_fresh));
         let mut recorder_ring = RecorderRing::none();
         let mut recorder = None;
         let mut record_progress = None;

@@ -116,7 +116,8 @@ pub(super) fn measure(
         Err(_) => None,
     };
     let mut krls = arguments.krls(&subject, || {
-        OnlineKernelMethod::new(subject.channel.law.space().centers()).map_err(|error| error.to_string())
+        OnlineKernelMethod::new(subject.channel.law().function().space().centers())
+            .map_err(|error| error.to_string())
     });
     let mut kalman = DisturbanceFilter::new();
     // What the local solver is measured against.
@@ -126,11 +127,12 @@ pub(super) fn measure(
     };
 
     let channel = &mut subject.channel;
-    let (mut estimate, mut literal_estimate) = (Vector3::zeros(), Vector3::zeros());
+    channel.set_rate(Vector3::zeros());
+    let mut literal_estimate = Vector3::zeros();
     let (mut n_open, mut n_counted, started) = (0, 0, Instant::now());
     while n_counted < LEAST_COUNTED_STEPS || (n_counted < MOST_COUNTED_STEPS && started.elapsed() < WARM_UP) {
-        estimate = channel.step(&estimate, output(n_counted), &INPUT, STEP_S);
-        n_open += usize::from(channel.law.output_error().norm() > DEAD_ZONE_WIDTH);
+        channel.step(output(n_counted), &INPUT, STEP_S);
+        n_open += usize::from(channel.law().held().output_error.norm() > DEAD_ZONE_WIDTH);
         n_counted += 1;
     }
 
@@ -139,7 +141,9 @@ pub(super) fn measure(
     let our_batch_ns = (budget / (2 * ROUNDS as u32)).as_nanos() as u64;
     let most_at_once = n_samples.div_ceil(ROUNDS);
     let mut ours = Contestant::warmed_up(
-        |i| estimate = channel.step(black_box(&estimate), output(i), black_box(&INPUT), STEP_S),
+        |i| {
+            channel.step(output(i), black_box(&INPUT), STEP_S);
+        },
         our_batch_ns,
         most_at_once,
     );
@@ -156,11 +160,9 @@ pub(super) fn measure(
         Contestant::warmed_up(step, BATCH_NS, most_at_once)
     });
     let mut kalman_turns = Contestant::warmed_up(|i| kalman.step(output(i)), BATCH_NS, most_at_once);
-    let mut yardstick_estimate = Vector3::zeros();
     let mut yardstick = dense_27.as_mut().map(|channel| {
         let step = |i| {
-            yardstick_estimate =
-                channel.step(black_box(&yardstick_estimate), output(i), black_box(&INPUT), STEP_S);
+            channel.step(output(i), black_box(&INPUT), STEP_S);
         };
         Contestant::warmed_up(step, BATCH_NS, most_at_once)
     });

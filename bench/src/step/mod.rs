@@ -27,7 +27,7 @@ use anyhow::Context;
 use clap::builder::TypedValueParser;
 use indicatif::{ProgressBar, ProgressStyle};
 use memory::MemoryProbe;
-use observer::{Channel, SolverInUse};
+use observer::{BodyChannel, SolverInUse};
 use shared_types::{logln, outln};
 use std::fmt::{self, Display, Formatter};
 use std::path::PathBuf;
@@ -188,7 +188,7 @@ struct Subject {
     set_up_s: f64,
     /// RMS of the solver's error over that of f̂, for random updates; `None` where it is exact.
     predicted_error: Option<f64>,
-    channel: Channel,
+    channel: BodyChannel,
 }
 
 impl Subject {
@@ -203,16 +203,16 @@ impl Subject {
         let edge = (n_centers as f64).cbrt().round() as usize;
         let design = channel::local_design(edge, block)?;
         let started = Instant::now();
-        let channel = Channel::new(&design)?;
+        let channel = BodyChannel::new(&design)?;
         let set_up_s = started.elapsed().as_secs_f64();
-        let SolverInUse::Local { predicted_error, .. } = channel.law.solver() else {
+        let SolverInUse::Local { predicted_error, .. } = channel.law().function().solver() else {
             anyhow::bail!("a lattice of {edge}³ centers is not solved locally");
         };
         Ok(Self {
             solver: Solver::Local(block),
             n_centers,
             centers: format!("lattice {edge}³"),
-            bytes: channel.law.bytes_of_step(),
+            bytes: channel.law().function().bytes_of_step(),
             set_up_s,
             predicted_error: Some(predicted_error),
             channel,
@@ -223,9 +223,9 @@ impl Subject {
         let (lattice, centers) = channel::centers(n_centers)?;
         let design = channel::design(lattice)?;
         let started = Instant::now();
-        let channel = Channel::new(&design)?;
+        let channel = BodyChannel::new(&design)?;
         let set_up_s = started.elapsed().as_secs_f64();
-        let bytes = channel.law.bytes_of_step();
+        let bytes = channel.law().function().bytes_of_step();
         let (solver, predicted_error) = (Solver::Dense, None);
         Ok(Self { solver, n_centers, centers, bytes, set_up_s, predicted_error, channel })
     }

@@ -22,7 +22,7 @@ pub use replay::{Difference, SessionReport, check};
 
 use crate::config::{Config, ConfigFile};
 use crate::cycle::MOST_SAMPLES_PER_TICK;
-use crate::engine::{Kept, LoopCommand};
+use crate::engine::{Checkpoint, LoopCommand};
 use crate::say;
 use rustix::fs::{FlockOperation, OFlags, fcntl_setfl, flock};
 use serde::{Deserialize, Serialize};
@@ -36,7 +36,9 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
 /// The first four bytes, as a length, are more than any frame has.
-const MARK: &[u8; 16] = b"\xff\xff\xff\xffflight-rec1\n";
+const MARK: &[u8; 16] = b"\xff\xff\xff\xffflight-rec2\n";
+/// Where the version is in it.
+const VERSION_AT: usize = 14;
 /// A session with a million centers learned is some 24 MB.
 const LONGEST_FRAME_BYTES: u64 = 1 << 30;
 /// Entries of one tick beside its samples: begin, missing, estimate, commands, kept.
@@ -70,7 +72,7 @@ pub enum Entry {
     Estimate(Estimate),
     /// A command was carried out after it.
     Command(LoopCommand),
-    /// A good copy was kept after it.
+    /// A checkpoint was saved after it.
     Kept,
     /// So many ticks are left out here.
     Missing(u64),
@@ -88,7 +90,7 @@ pub struct Session {
     /// The vector unit that the bits depend on.
     pub vector_unit: String,
     /// What was taken over from a snapshot.
-    pub kept: Option<Kept>,
+    pub kept: Option<Checkpoint>,
 }
 
 /// What a file consists of.
@@ -109,7 +111,7 @@ enum FrameOf<'a> {
 
 impl Session {
     /// A session of this configuration.
-    pub fn of(config: &Config, instance: &str, kept: Option<&Kept>) -> Self {
+    pub fn of(config: &Config, instance: &str, kept: Option<&Checkpoint>) -> Self {
         Self {
             program_version: env!("CARGO_PKG_VERSION").into(),
             instance: instance.into(),
@@ -353,6 +355,13 @@ impl<R: Read + Seek> Reader<R> {
                 if header == MARK {
                     self.position += MARK.len() as u64;
                     continue;
+                }
+                if header.len() == MARK.len() && header[..VERSION_AT] == MARK[..VERSION_AT] {
+                    let [found, known] = [header[VERSION_AT], MARK[VERSION_AT]].map(char::from);
+                    return Err(io::Error::other(format!(
+                        "a flight record of version {found}; this program reads version {known}; needed: the program \
+                         that wrote it"
+                    )));
                 }
             } else if let Some(frame) = self.frame(&header)? {
                 return Ok(Some(frame));

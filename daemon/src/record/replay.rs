@@ -110,7 +110,7 @@ impl Replay {
         let file = session.config_file().map_err(config_error)?;
         let mut engine = Engine::new(&file.config, file.estimator().map_err(config_error)?);
         if let Some(kept) = &session.kept {
-            engine.resume(kept).map_err(ReplayError::Kept)?;
+            engine.load(kept).map_err(ReplayError::Kept)?;
         }
         let report = SessionReport {
             instance: session.instance.clone(),
@@ -135,7 +135,7 @@ impl Replay {
             }
             Entry::Estimate(recorded) => self.compare(recorded),
             Entry::Command(command) => self.engine.carry_out(*command),
-            Entry::Kept => self.engine.keep_good_copy(),
+            Entry::Kept => self.engine.save(),
             Entry::Missing(ticks) => {
                 self.report.ticks_missing = self.report.ticks_missing.saturating_add(*ticks);
                 self.is_checked = false;

@@ -9,7 +9,7 @@ use libfuzzer_sys::fuzz_target;
 use std::cell::LazyCell;
 use std::io::Cursor;
 
-const MARK: &[u8; 16] = b"\xff\xff\xff\xffflight-rec1\n";
+const MARK: &[u8; 16] = b"\xff\xff\xff\xffflight-rec2\n";
 
 thread_local! {
     static SESSION: LazyCell<Vec<u8>> = const { LazyCell::new(|| {
