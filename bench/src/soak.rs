@@ -104,7 +104,9 @@ pub(crate) fn run(arguments: &SoakArguments) -> anyhow::Result<()> {
     daemon.stop()?;
 
     let status = seen.status;
-    let accounted = status.counters.samples_accepted + status.counters.samples_lost + status.counters.samples_rejected_total();
+    let accounted = status.counters.samples_accepted
+        + status.counters.samples_lost
+        + status.counters.samples_rejected_total();
     // A sample that was lost after the newest one that arrived is not counted as lost by the service.
     let report = Report {
         rate_hz: arguments.rate_hz,

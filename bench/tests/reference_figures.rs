@@ -4,7 +4,7 @@
 use daemon::config::{ConfigFile, DeadZoneName, SymmetricMatrix};
 use daemon::gate::Gate;
 use nalgebra::Vector3;
-use observer::RigidBodyObserver;
+use observer::{Learn, RigidBodyObserver};
 use shared_types::Truth;
 use sim_publisher::{Scenario, Simulation, SimulationOptions};
 
@@ -30,12 +30,12 @@ fn run(
         let measurement = sample.measurement.unwrap();
         let accepted = gate.judge(&measurement, 0, 0).unwrap();
         if stamp_ns == 0 {
-            observer.accept(&accepted.sample);
+            observer.accept(&accepted.sample, Learn::ALL);
         }
         // The estimate for t_j, before sample j is used; the force as used in the step from t_j.
         let estimate = observer.estimate(stamp_ns);
         if stamp_ns > 0 {
-            observer.accept(&accepted.sample);
+            observer.accept(&accepted.sample, Learn::ALL);
         }
         let used = observer.estimate(stamp_ns + 5_000_000);
         let force =

@@ -5,9 +5,9 @@ use crate::estimator::Estimator;
 use comfy_table::{ContentArrangement, Table, presets::NOTHING};
 use nalgebra::Vector3;
 use observer::{
-    Centers, Certificate, ChannelDesign, DesignError, DesignReport, InitialState, Kernel, LearnedFunction,
-    LengthScale, LengthScaleEffect, LinearObserver, LinearOutput, RigidBodyObserver, Sample, SolverInUse,
-    Velocity, Verdict, length_scale_effect,
+    AnyChannel, Centers, Certificate, ChannelDesign, ChannelName, DesignError, DesignReport, InitialState,
+    Kernel, Learn, LearnedFunction, LengthScale, LengthScaleEffect, LinearObserver, LinearOutput,
+    RigidBodyObserver, Sample, SolverInUse, Velocity, Verdict, length_scale_effect,
 };
 use rustix::stdio::stdout;
 use rustix::termios::tcgetwinsize;
@@ -151,19 +151,18 @@ pub fn unproven(file: &ConfigFile, estimator: &Estimator) -> Vec<String> {
             sentences.push(format!("{name}: not all is proven: {}; see daemon check", facts.join("; ")));
         }
     };
-    let body = estimator.rigid_body.as_ref();
     if let Some(translation) = &file.config.translation {
         let hidden = if translation.position_fix_gain_per_s > 0.0 { "" } else { "position" };
-        let certificate = body.and_then(RigidBodyObserver::translation_certificate);
+        let certificate = estimator.channel(ChannelName::Translation).and_then(AnyChannel::certificate);
         warn("translation", hidden.into(), certificate, translation.dead_zone);
     }
     if let Some(rotation) = &file.config.rotation {
-        let certificate = body.and_then(RigidBodyObserver::rotation_certificate);
+        let certificate = estimator.channel(ChannelName::Rotation).and_then(AnyChannel::certificate);
         warn("rotation", String::new(), certificate, rotation.dead_zone);
     }
     if let (Some(linear), Ok(Some(design))) = (&file.config.linear, file.linear_design()) {
         let hidden = design.unobservable_states(linear.state_names.as_deref()).join(", ");
-        let certificate = estimator.linear.as_ref().and_then(LinearObserver::certificate);
+        let certificate = estimator.channel(ChannelName::Linear).and_then(AnyChannel::certificate);
         warn("linear", hidden, certificate, linear.dead_zone);
     }
     sentences
@@ -173,9 +172,9 @@ pub fn unproven(file: &ConfigFile, estimator: &Estimator) -> Vec<String> {
 pub fn local_solvers(estimator: &Estimator) -> Vec<String> {
     let body = estimator.rigid_body.as_ref();
     let channels = [
-        ("translation", body.and_then(RigidBodyObserver::translation).map(|law| law.solver())),
-        ("rotation", body.and_then(RigidBodyObserver::rotation).map(|law| law.solver())),
-        ("linear", estimator.linear.as_ref().map(|linear| linear.law().solver())),
+        ("translation", body.and_then(RigidBodyObserver::translation).map(|law| law.function().solver())),
+        ("rotation", body.and_then(RigidBodyObserver::rotation).map(|law| law.function().solver())),
+        ("linear", estimator.linear.as_ref().map(|linear| linear.law().function().solver())),
     ];
     let local = channels.into_iter().filter_map(|(name, solver)| Some((name, solver?)));
     local
@@ -187,26 +186,29 @@ pub fn local_solvers(estimator: &Estimator) -> Vec<String> {
 /// The time of a step, outputs wandering through the box of the centers.
 fn time_steps(mut observer: RigidBodyObserver) -> StepTime {
     let law = observer.translation().or(observer.rotation()).expect("one channel was built");
-    let (lower, upper) = law.bounding_box();
+    let (lower, upper) = law.function().bounding_box();
     let (lower, upper) = (Vector3::from_column_slice(lower), Vector3::from_column_slice(upper));
     time(|j, wander| {
         let output = lower + (upper - lower).component_mul(&Vector3::from(wander));
-        observer.accept(&Sample {
-            stamp_ns: jittered_ns(j),
-            velocity: Some(Velocity::Inertial(output)),
-            angular_velocity_rad_s: Some(output),
-            ..Sample::default()
-        });
+        observer.accept(
+            &Sample {
+                stamp_ns: jittered_ns(j),
+                velocity: Some(Velocity::Inertial(output)),
+                angular_velocity_rad_s: Some(output),
+                ..Sample::default()
+            },
+            Learn::ALL,
+        );
     })
 }
 
 fn time_linear_steps(mut observer: LinearObserver) -> StepTime {
-    let (lower, upper) = observer.law().bounding_box();
+    let (lower, upper) = observer.law().function().bounding_box();
     let (lower, upper) = (lower.to_vec(), upper.to_vec());
     time(|j, wander| {
         let at = |axis: usize| lower[axis] + (upper[axis] - lower[axis]) * wander[axis % 3];
         let output = LinearOutput::from_fn(|axis, _| if axis < lower.len() { at(axis) } else { 0.0 });
-        observer.accept(jittered_ns(j), Some(output), None);
+        observer.accept(jittered_ns(j), Some(output), None, Learn::ALL);
     })
 }
 

@@ -187,28 +187,28 @@ impl Cycle {
                 self.engine.counters_mut().records_dropped += 1;
             }
         }
-        // A copy that is being read stays as it is, unless a part of it was forgotten.
+        // A checkpoint that is being read stays as it is, unless a part of it was forgotten.
         let snapshots = &mut self.rings.snapshots;
         if std::mem::replace(&mut self.n_forgotten, self.engine.n_forgotten()) != self.engine.n_forgotten() {
             snapshots.start_over();
         }
         let (engine, may_change) = (&self.engine, !snapshots.is_reading());
         let is_asked = may_change && engine.is_good() && snapshots.take_request();
-        if engine.copy_is_bad() || is_asked || (may_change && engine.good_copy_is_due()) {
-            self.keep_good_copy();
+        if is_asked || (may_change && engine.checkpoint_is_due()) {
+            self.save();
         }
         self.rings.snapshots.read_a_part(&self.engine);
     }
 
-    fn keep_good_copy(&mut self) {
-        self.engine.keep_good_copy();
+    fn save(&mut self) {
+        self.engine.save();
         self.rings.recorder.push(|| Entry::Checkpoint);
     }
 
     /// After the last tick: hands over what is known now, whatever was being read.
     fn save_to_the_end(&mut self) {
         if self.engine.is_good() {
-            self.keep_good_copy();
+            self.save();
         }
         self.rings.snapshots.read_at_once(&self.engine);
     }

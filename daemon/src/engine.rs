@@ -1,7 +1,7 @@
 //! All that decides an estimate, with neither clock nor port: gate, observers, guards, deadline policy, counters.
 //!
 //! What goes in are samples, commands and instants. The same ones give the same estimates to the bit, so a record of
-//! them replays ([`crate::replay`]), and what is kept of an engine resumes in another one ([`crate::snapshot`]).
+//! them replays ([`crate::replay`]), and another engine goes on from a checkpoint ([`crate::snapshot`]).
 //!
 //! A tick is [`Engine::begin`], [`Engine::take`] for each sample, [`Engine::conclude`]: no allocation, no system call.
 
@@ -9,18 +9,18 @@ use crate::config::{Clock, Config, DeadlineConfig, InputConfig};
 use crate::estimator::{ChannelName, Estimator, EstimatorState, VehicleEstimate};
 use crate::gate::{Accepted, Gate, GateState};
 pub use flight_record::LoopCommand;
-use observer::{ChannelReport, Doubt};
+use observer::{ChannelReport, Learn, OutlierAction};
 use serde::{Deserialize, Serialize};
 use shared_types::payload::{Channel, Counters, Estimate, Measurement, Rejection, status_bits};
 
-/// A good copy of state and weights is kept this often (s).
-const GOOD_COPY_EVERY_S: f64 = 0.5;
-/// Good is what is within this part of the limits: what runs away is not kept on its way.
-const GOOD_PART_OF_LIMITS: f64 = 0.5;
-/// Who has to fall back again so soon (s) fell back on what was not good.
+/// A checkpoint is saved this often (s).
+const CHECKPOINT_EVERY_S: f64 = 0.5;
+/// A checkpoint is saved only within this part of the limits: a state that diverges is not saved on its way.
+const PART_OF_LIMITS: f64 = 0.5;
+/// A second fallback within this time (s) means that the checkpoint is bad.
 const RELAPSE_S: f64 = 2.0;
 
-/// All that an engine's future depends on, beside what it learned.
+/// All that an engine's future depends on at a checkpoint, beside what it learned.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct EngineState {
     /// Of the observers.
@@ -30,10 +30,10 @@ pub struct EngineState {
     newest_arrival_ns: Option<u64>,
 }
 
-/// What an engine starts with that another one has kept.
+/// What an engine goes on from: the checkpoint of another one, of the same design.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Kept {
-    /// What was learned: the numbers of [`Engine::read_kept`].
+pub struct Checkpoint {
+    /// What was learned: the numbers of [`Engine::read_saved`].
     pub learned: Vec<f64>,
     /// `None` where only what was learned is taken over.
     pub state: Option<EngineState>,
@@ -48,20 +48,18 @@ pub struct Engine {
     deadline: DeadlineConfig,
     clock: Clock,
     stale_after_ns: u64,
-    good_copy_every: u64,
+    checkpoint_every: u64,
     counters: Counters,
     frozen: bool,
     newest_arrival_ns: Option<u64>,
-    /// Stamps of the newest fall back to the good copy (ns), by channel.
+    /// Stamps of the newest fallback to the checkpoint (ns), by channel.
     fell_back_ns: [Option<u64>; 3],
     /// How often something learned was forgotten, on command or because it was bad.
     n_forgotten: u64,
-    /// Whether the newest estimate was good enough to be fallen back on.
+    /// Whether the newest estimate was good enough for a checkpoint.
     is_good: bool,
-    /// Whether the good copy is to be forgotten, too.
-    copy_is_bad: bool,
-    /// Gate and the rest at the time of the newest good copy.
-    kept: Option<(GateState, bool, Option<u64>)>,
+    /// The states at the newest checkpoint; the learned numbers that go with them are in the channels.
+    saved: Option<EngineState>,
     tick: Tick,
 }
 
@@ -83,20 +81,19 @@ impl Engine {
             deadline: config.deadline,
             clock: config.clock,
             stale_after_ns: (config.stale_after_s * 1e9) as u64,
-            good_copy_every: ((GOOD_COPY_EVERY_S * config.rate_hz) as u64).max(1),
+            checkpoint_every: ((CHECKPOINT_EVERY_S * config.rate_hz) as u64).max(1),
             counters: Counters::default(),
             frozen: false,
             newest_arrival_ns: None,
             fell_back_ns: [None; 3],
             n_forgotten: 0,
             is_good: true,
-            copy_is_bad: false,
-            kept: None,
+            saved: None,
             tick: Tick::default(),
         }
     }
 
-    /// Begins a tick that woke at `wake_ns`, after so many ticks in a row that ended too late.
+    /// Begins a tick that woke at `wake_ns`, after this many ticks in a row that ended too late.
     pub fn begin(&mut self, wake_ns: u64, late_ticks_in_a_row: u64) {
         let late = |after: u64| after > 0 && late_ticks_in_a_row >= after;
         let DeadlineConfig { warn_after_ticks, predict_only_after_ticks, invalid_after_ticks } =
@@ -135,17 +132,18 @@ impl Engine {
             *count += u64::from(stuck);
             self.tick.status |= bit(stuck, status_bits::STUCK);
         }
-        let teaches = stuck.map(|stuck| !(stuck && self.limits.stuck == Doubt::Adaptation));
-        if self.limits.stuck == Doubt::Correction {
+        let teaches = stuck.map(|stuck| !(stuck && self.limits.stuck == OutlierAction::Adaptation));
+        if self.limits.stuck == OutlierAction::Correction {
             sample.velocity = sample.velocity.filter(|_| !stuck[0]);
             sample.angular_velocity_rad_s = sample.angular_velocity_rad_s.filter(|_| !stuck[1]);
             linear.output = linear.output.filter(|_| !stuck[2]);
         }
-        self.estimator.set_teaching(teaches);
-        self.estimator.accept(&sample, &linear);
-        let held_back = self.estimator.n_held_back();
-        self.tick.status |= bit(held_back != self.counters.outputs_held_back, status_bits::HELD_BACK);
-        self.counters.outputs_held_back = held_back;
+        let learn = Learn { frozen: self.frozen, teaches };
+        let outliers = self.estimator.accept(&sample, &linear, learn);
+        for (count, is_outlier) in self.counters.outputs_held_back.iter_mut().zip(outliers) {
+            *count += u64::from(is_outlier);
+            self.tick.status |= bit(is_outlier, status_bits::HELD_BACK);
+        }
         self.counters.samples_accepted += 1;
         // A forged sequence may claim any gap.
         self.counters.samples_lost = self.counters.samples_lost.saturating_add(lost);
@@ -186,7 +184,7 @@ impl Engine {
     fn guarded_estimate(&mut self, stamp_ns: u64) -> (VehicleEstimate, bool) {
         let state = self.estimator.estimate(stamp_ns);
         let within = Within::of(&state, &self.limits, 1.0);
-        self.is_good = Within::of(&state, &self.limits, GOOD_PART_OF_LIMITS).all();
+        self.is_good = Within::of(&state, &self.limits, PART_OF_LIMITS).all();
         if within.all() {
             return (state, false);
         }
@@ -197,24 +195,33 @@ impl Engine {
         (self.estimator.estimate(stamp_ns), true)
     }
 
-    /// A prediction that coasted too far says nothing about what was learned: its state starts again. What runs away
-    /// while it is measured goes back to the last good copy, and who has to go back again so soon begins anew.
-    fn fall_back(&mut self, channel: ChannelName, coasts: bool, stamp_ns: u64) {
+    /// A prediction that coasted too far says nothing about what was learned: its state starts again. A channel that
+    /// diverges while it is measured goes back to the checkpoint; on a second time within [`RELAPSE_S`] it begins anew,
+    /// and so does its part of the checkpoint.
+    fn fall_back(&mut self, name: ChannelName, coasts: bool, stamp_ns: u64) {
+        let Some(channel) = self.estimator.channel_mut(name) else { return };
         if coasts {
-            self.estimator.restart_channel(channel);
+            channel.restart();
             return;
         }
-        let before_ns = self.fell_back_ns[channel as usize].replace(stamp_ns);
+        let saved = self.saved.as_mut().map(|saved| &mut saved.estimator.channels[name as usize]);
+        let before_ns = self.fell_back_ns[name as usize].replace(stamp_ns);
         if before_ns.is_some_and(|ns| stamp_ns.abs_diff(ns) < (RELAPSE_S * 1e9) as u64) {
-            self.estimator.forget(channel);
+            channel.forget();
+            let state = channel.save();
+            if let Some(saved) = saved {
+                *saved = Some(state);
+            }
             self.n_forgotten += 1;
             return;
         }
-        self.estimator.restore(channel);
+        channel.restore(saved.and_then(|saved| saved.as_ref()));
         let restored = self.estimator.estimate(stamp_ns);
-        if !Within::of(&restored, &self.limits, 1.0).is(channel) {
+        if !Within::of(&restored, &self.limits, 1.0).is(name)
+            && let Some(channel) = self.estimator.channel_mut(name)
+        {
             // What it had learned by then is good; the state that goes with it has coasted too far by now.
-            self.estimator.restart_channel(channel);
+            channel.restart();
         }
     }
 
@@ -254,26 +261,25 @@ impl Engine {
     pub fn carry_out(&mut self, command: LoopCommand) {
         match command {
             LoopCommand::Reset => {
+                // In the checkpoint, too.
                 self.estimator.reset();
                 self.gate.forget();
                 self.newest_arrival_ns = None;
-                self.copy_is_bad = true;
                 self.n_forgotten += 1;
+                self.save();
             }
             LoopCommand::Freeze => self.frozen = true,
             LoopCommand::Thaw => self.frozen = false,
         }
-        self.estimator.set_frozen(self.frozen);
         self.counters.commands += 1;
     }
 
-    /// Whether this is a moment, between two ticks, to keep a good copy: what was published last is well within
-    /// its limits, or everything has just started again.
-    pub fn good_copy_is_due(&self) -> bool {
-        self.copy_is_bad || (self.is_good && self.counters.ticks.is_multiple_of(self.good_copy_every))
+    /// Whether a checkpoint is due now, between two ticks: the newest estimate was well within its limits.
+    pub fn checkpoint_is_due(&self) -> bool {
+        self.is_good && self.counters.ticks.is_multiple_of(self.checkpoint_every)
     }
 
-    /// Whether what was published last may be kept.
+    /// Whether what was published last is good enough for a checkpoint.
     pub fn is_good(&self) -> bool {
         self.is_good
     }
@@ -283,54 +289,50 @@ impl Engine {
         self.n_forgotten
     }
 
-    /// Whether the good copy is not what to fall back on any more.
-    pub fn copy_is_bad(&self) -> bool {
-        self.copy_is_bad
+    /// Saves states and weights as the checkpoint, to fall back on and to be written down. No allocation.
+    pub fn save(&mut self) {
+        self.saved = Some(EngineState {
+            estimator: self.estimator.save(),
+            gate: self.gate.state(),
+            frozen: self.frozen,
+            newest_arrival_ns: self.newest_arrival_ns,
+        });
     }
 
-    /// Keeps a copy of states and weights, to fall back on and to be written down.
-    pub fn keep_good_copy(&mut self) {
-        self.estimator.keep_good_copy();
-        self.kept = Some((self.gate.state(), self.frozen, self.newest_arrival_ns));
-        self.copy_is_bad = false;
+    /// The states at the newest checkpoint; `None` before the first.
+    pub fn saved_state(&self) -> Option<EngineState> {
+        self.saved
     }
 
-    /// The state of the last good copy; `None` before the first.
-    pub fn kept_state(&self) -> Option<EngineState> {
-        let (gate, frozen, newest_arrival_ns) = self.kept?;
-        Some(EngineState { estimator: self.estimator.kept_state()?, gate, frozen, newest_arrival_ns })
+    /// How many numbers are learned.
+    pub fn n_learned(&self) -> usize {
+        self.estimator.n_learned()
     }
 
-    /// How many numbers the good copy of what was learned is.
-    pub fn n_kept(&self) -> usize {
-        self.estimator.n_kept()
+    /// The learned numbers of the newest checkpoint from `from` on, as many as `into` has room for.
+    pub fn read_saved(&self, from: usize, into: &mut [f64]) {
+        self.estimator.read_saved(from, into);
     }
 
-    /// The numbers of the good copy from `from` on, as many as `into` has room for.
-    pub fn read_kept(&self, from: usize, into: &mut [f64]) {
-        self.estimator.read_kept(from, into);
-    }
-
-    /// Goes on from what an engine of the same design has kept. With its state, the next step is the same to the bit.
+    /// Goes on from the checkpoint of an engine of the same design. With its state, the next step is the same to the bit.
     ///
     /// # Errors
     /// Where the numbers are not as many as this design has, or not finite: what was found, what is needed.
-    pub fn resume(&mut self, kept: &Kept) -> Result<(), String> {
-        if kept.learned.len() != self.n_kept() {
-            return Err(format!("{} learned numbers; needed: {}", kept.learned.len(), self.n_kept()));
+    pub fn load(&mut self, checkpoint: &Checkpoint) -> Result<(), String> {
+        let Checkpoint { learned, state } = checkpoint;
+        if learned.len() != self.n_learned() {
+            return Err(format!("{} learned numbers; needed: {}", learned.len(), self.n_learned()));
         }
-        if let Some(number) = kept.learned.iter().find(|number| !number.is_finite()) {
+        if let Some(number) = learned.iter().find(|number| !number.is_finite()) {
             return Err(format!("{number} among the learned numbers; needed: finite ones"));
         }
-        self.estimator.put(&kept.learned);
-        if let Some(state) = &kept.state {
-            self.estimator.resume(&state.estimator);
+        self.estimator.load(learned, state.as_ref().map(|state| &state.estimator));
+        if let Some(state) = state {
             self.gate.resume(&state.gate);
             self.frozen = state.frozen;
             self.newest_arrival_ns = state.newest_arrival_ns;
-            self.estimator.set_frozen(self.frozen);
         }
-        self.keep_good_copy();
+        self.save();
         Ok(())
     }
 
@@ -448,7 +450,7 @@ mod tests {
         Engine::new(&file.config, file.estimator().unwrap())
     }
 
-    /// A body that moves gently, pulled by a force along x that nobody commands.
+    /// A body that moves gently, pulled by a force along x that is not commanded.
     fn tick(engine: &mut Engine, j: u64, late_ticks_in_a_row: u64, unknown_force_n: f64) -> Estimate {
         let (t_s, stamp_ns) = (j as f64 * 0.005, START_NS + j * PERIOD_NS);
         engine.begin(stamp_ns, late_ticks_in_a_row);
@@ -457,8 +459,8 @@ mod tests {
         let force_n = [(0.5 * t_s).cos() - unknown_force_n, 0.0, -19.62];
         engine.take(&Measurement::at(stamp_ns, j).with_velocity_m_s(velocity_m_s).with_force_n(force_n), 1);
         let estimate = engine.conclude();
-        if engine.good_copy_is_due() {
-            engine.keep_good_copy();
+        if engine.checkpoint_is_due() {
+            engine.save();
         }
         estimate
     }
@@ -493,14 +495,14 @@ mod tests {
         assert_eq!((counters.ticks_predict_only, counters.ticks_invalid), (2, 1));
     }
 
-    /// What runs away goes back to what was good; a copy that does not help is dropped, weights and all.
+    /// A channel that diverges goes back to the checkpoint; a checkpoint that does not help is dropped, weights and all.
     #[test]
-    fn a_runaway_goes_back_and_who_relapses_begins_anew() {
+    fn a_divergence_goes_back_to_the_checkpoint_and_a_second_one_begins_anew() {
         let mut engine = engine(|config| config.input.max_unknown_force_n = 8.0);
         let quiet = (0..400).map(|j| tick(&mut engine, j, 0, 1.0)).last().unwrap();
         assert!((force_x_n(&quiet) - 1.0).abs() < 0.5, "{}", force_x_n(&quiet));
         assert_eq!(engine.counters().state_resets, 0);
-        // 20 N that nobody knows of pull f̂ beyond 8 N: first what was good comes back, and then nothing is left of it.
+        // 20 N that are not commanded pull f̂ beyond 8 N: first the checkpoint comes back, and then nothing is left of it.
         let mut after_reset = Vec::new();
         for j in 400..700 {
             let estimate = tick(&mut engine, j, 0, 20.0);
@@ -511,12 +513,12 @@ mod tests {
             }
         }
         assert!(after_reset.len() >= 2, "{after_reset:?}");
-        assert!((after_reset[0] - 1.0).abs() < 1.5, "the good copy: {after_reset:?}");
+        assert!((after_reset[0] - 1.0).abs() < 1.5, "the checkpoint: {after_reset:?}");
         assert_eq!(after_reset[1], 0.0, "nothing learned: {after_reset:?}");
         assert!(engine.n_forgotten() > 0);
-        // The copy that was dropped does not come back either.
-        let mut learned = vec![0.0; engine.n_kept()];
-        engine.read_kept(0, &mut learned);
+        // The checkpoint that was dropped does not come back either.
+        let mut learned = vec![0.0; engine.n_learned()];
+        engine.read_saved(0, &mut learned);
         let largest = learned.iter().fold(0.0_f64, |largest, number| largest.max(number.abs()));
         assert!(largest < 8.0, "{largest}");
     }
@@ -528,11 +530,11 @@ mod tests {
         let mut engine = engine(|config| config.input.max_speed_m_s = 20.0);
         (0..1000).for_each(|j| _ = tick(&mut engine, j, 0, 1.0));
         let learned = |engine: &Engine| {
-            let mut learned = vec![0.0; engine.n_kept()];
-            engine.read_kept(0, &mut learned);
+            let mut learned = vec![0.0; engine.n_learned()];
+            engine.read_saved(0, &mut learned);
             learned
         };
-        engine.keep_good_copy();
+        engine.save();
         let before = learned(&engine);
         // The last commanded force is held, and is not what keeps it up.
         engine.begin(START_NS + 1001 * PERIOD_NS, 0);
@@ -545,8 +547,8 @@ mod tests {
             let speed = estimate.velocity_m_s.map(|v| v * v).iter().sum::<f64>().sqrt();
             assert!(speed <= 20.0, "{speed}");
             resets += u64::from(estimate.status & status_bits::DIVERGED != 0);
-            if engine.good_copy_is_due() {
-                engine.keep_good_copy();
+            if engine.checkpoint_is_due() {
+                engine.save();
             }
         }
         assert_eq!((resets, engine.counters().state_resets), (1, 1));
@@ -558,28 +560,31 @@ mod tests {
         assert_eq!(back.status & status_bits::COASTING_TRANSLATION, 0);
     }
 
-    /// On its way beyond the limits a state is not kept as good.
+    /// A state on its way beyond the limits is not saved.
     #[test]
-    fn what_is_beyond_half_of_the_limits_is_not_kept() {
+    fn what_is_beyond_half_of_the_limits_is_not_saved() {
         let mut engine = engine(|config| config.input.max_unknown_force_n = 8.0);
         (0..2000).for_each(|j| _ = tick(&mut engine, j, 0, if j < 300 { 1.0 } else { 6.0 }));
         assert_eq!(engine.counters().state_resets, 0);
         assert!(!engine.is_good());
         let mut other = engine.clone();
-        let state = engine.kept_state().unwrap();
-        let kept_at = (state.estimator.stamp_ns().unwrap() - START_NS) / PERIOD_NS;
-        assert!((200..500).contains(&kept_at), "{kept_at}");
+        let state = engine.saved_state().unwrap();
+        let saved_at = (state.estimator.stamp_ns().unwrap() - START_NS) / PERIOD_NS;
+        assert!((200..500).contains(&saved_at), "{saved_at}");
         other.carry_out(LoopCommand::Reset);
-        assert!(other.good_copy_is_due(), "what is forgotten is forgotten in the copy, too");
+        let mut learned = vec![f64::NAN; other.n_learned()];
+        other.read_saved(0, &mut learned);
+        assert!(learned.iter().all(|number| *number == 0.0), "it is forgotten in the checkpoint, too");
     }
 
     #[test]
     fn numbers_that_are_no_learned_ones_are_refused() {
         let mut engine = engine(|_| {});
-        let n = engine.n_kept();
-        let refused = |learned: Vec<f64>| engine.clone().resume(&Kept { learned, state: None }).unwrap_err();
+        let n = engine.n_learned();
+        let refused =
+            |learned: Vec<f64>| engine.clone().load(&Checkpoint { learned, state: None }).unwrap_err();
         assert!(refused(vec![0.0; n + 1]).contains(&format!("needed: {n}")));
         assert!(refused(vec![f64::NAN; n]).contains("finite"));
-        engine.resume(&Kept { learned: vec![0.0; n], state: None }).unwrap();
+        engine.load(&Checkpoint { learned: vec![0.0; n], state: None }).unwrap();
     }
 }

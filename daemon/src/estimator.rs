@@ -1,9 +1,11 @@
 //! What one service estimates: a rigid body, a general linear plant, or both.
 
 use crate::gate::LinearSample;
+use nalgebra::UnitQuaternion;
+pub use observer::ChannelName;
 use observer::{
-    ChannelReport, LinearEstimate, LinearObserver, LinearObserverState, Plausibility, RigidBodyEstimate,
-    RigidBodyObserver, RigidBodyState, Sample,
+    AnyChannel, ChannelReport, ChannelState, InnovationGate, Learn, LinearEstimate, LinearObserver,
+    RigidBodyEstimate, RigidBodyObserver, Sample,
 };
 use serde::{Deserialize, Serialize};
 
@@ -16,40 +18,22 @@ pub struct Estimator {
     pub linear: Option<LinearObserver>,
 }
 
-/// All that the observers' future depends on, beside what they learned.
+/// All that the observers' future depends on at a checkpoint, beside what they learned.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct EstimatorState {
-    /// Of translation and rotation.
-    pub rigid_body: Option<RigidBodyState>,
-    /// Of the linear plant.
-    pub linear: Option<LinearObserverState>,
+    /// Of each channel that is configured, in the order of [`ChannelName::ALL`].
+    pub channels: [Option<ChannelState>; 3],
+    fixed_attitude: Option<UnitQuaternion<f64>>,
 }
 
 impl EstimatorState {
     /// Stamp of the newest sample (ns); `None` before the first.
     pub fn stamp_ns(&self) -> Option<u64> {
-        let body = self.rigid_body.and_then(|body| body.stamp_ns());
-        body.max(self.linear.and_then(|linear| linear.stamp_ns()))
+        self.channels.iter().flatten().filter_map(ChannelState::stamp_ns).max()
     }
 }
 
-/// One of the three that estimate on their own.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum ChannelName {
-    /// Position and velocity.
-    Translation,
-    /// Attitude and angular velocity.
-    Rotation,
-    /// The linear plant.
-    Linear,
-}
-
-impl ChannelName {
-    /// All of them, as counters of three are ordered.
-    pub const ALL: [Self; 3] = [Self::Translation, Self::Rotation, Self::Linear];
-}
-
-/// What the observers say about one instant.
+/// The estimate of one instant.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct VehicleEstimate {
     /// Translation and rotation.
@@ -77,20 +61,22 @@ impl VehicleEstimate {
 
     /// The reports of all configured channels.
     pub fn reports(&self) -> impl Iterator<Item = &ChannelReport> {
-        let body = self.rigid_body.iter().flat_map(|body| body.translation.iter().chain(&body.rotation));
-        body.chain(self.linear.iter().map(|linear| &linear.report))
+        ChannelName::ALL.into_iter().filter_map(|channel| self.report(channel))
     }
 }
 
 impl Estimator {
-    /// Takes one sample.
-    pub fn accept(&mut self, sample: &Sample, linear: &LinearSample) {
+    /// Takes one sample. Which outputs were outliers, by channel.
+    pub fn accept(&mut self, sample: &Sample, linear: &LinearSample, learn: Learn) -> [bool; 3] {
+        let mut outliers = [false; 3];
         if let Some(body) = &mut self.rigid_body {
-            body.accept(sample);
+            outliers = body.accept(sample, learn);
         }
         if let Some(observer) = &mut self.linear {
-            observer.accept(sample.stamp_ns, linear.output, linear.input);
+            outliers[ChannelName::Linear as usize] =
+                observer.accept(sample.stamp_ns, linear.output, linear.input, learn);
         }
+        outliers
     }
 
     /// The estimate at `stamp_ns`, or at the newest sample where that is later.
@@ -101,126 +87,90 @@ impl Estimator {
         }
     }
 
-    /// Stops or resumes learning; what was learned stays in use.
-    pub fn set_frozen(&mut self, frozen: bool) {
-        self.each(|body| body.set_frozen(frozen), |linear| linear.set_frozen(frozen));
+    /// A channel, if it is configured.
+    pub fn channel(&self, name: ChannelName) -> Option<&dyn AnyChannel> {
+        match name {
+            ChannelName::Linear => self.linear.as_ref().map(LinearObserver::channel),
+            name => self.rigid_body.as_ref()?.channel(name),
+        }
+    }
+
+    /// A channel, if it is configured.
+    pub fn channel_mut(&mut self, name: ChannelName) -> Option<&mut dyn AnyChannel> {
+        match name {
+            ChannelName::Linear => self.linear.as_mut().map(LinearObserver::channel_mut),
+            name => self.rigid_body.as_mut()?.channel_mut(name),
+        }
+    }
+
+    fn each(&mut self, mut act: impl FnMut(ChannelName, &mut dyn AnyChannel)) {
+        for name in ChannelName::ALL {
+            if let Some(channel) = self.channel_mut(name) {
+                act(name, channel);
+            }
+        }
+    }
+
+    /// Forgets the state, not what was learned; starts again from the next sample, whatever its stamp.
+    pub fn restart(&mut self) {
+        self.rigid_body.iter_mut().for_each(RigidBodyObserver::restart);
+        self.linear.iter_mut().for_each(|observer| observer.channel_mut().restart());
     }
 
     /// Forgets everything; starts again from the next sample.
     pub fn reset(&mut self) {
-        self.each(RigidBodyObserver::reset, LinearObserver::reset);
+        self.restart();
+        self.each(|_, channel| channel.forget());
     }
 
-    /// Forgets the state, not what was learned.
-    pub fn restart(&mut self) {
-        self.each(RigidBodyObserver::restart, LinearObserver::restart);
+    /// Saves what is learned by now, and returns the states that go with it; see [`AnyChannel::save`].
+    pub fn save(&mut self) -> EstimatorState {
+        let mut channels = [None; 3];
+        self.each(|name, channel| channels[name as usize] = Some(channel.save()));
+        let body = self.rigid_body.as_ref();
+        EstimatorState { channels, fixed_attitude: body.and_then(RigidBodyObserver::fixed_attitude) }
     }
 
-    /// Puts a channel back to its last good copy, weights included.
-    pub fn restore(&mut self, channel: ChannelName) {
-        match channel {
-            ChannelName::Translation => self.each(RigidBodyObserver::restore_translation, |_| ()),
-            ChannelName::Rotation => self.each(RigidBodyObserver::restore_rotation, |_| ()),
-            ChannelName::Linear => self.each(|_| (), LinearObserver::restore_good_copy),
-        }
-    }
-
-    /// Forgets a channel's state, not what it learned.
-    pub fn restart_channel(&mut self, channel: ChannelName) {
-        match channel {
-            ChannelName::Translation => self.each(RigidBodyObserver::restart_translation, |_| ()),
-            ChannelName::Rotation => self.each(RigidBodyObserver::restart_rotation, |_| ()),
-            ChannelName::Linear => self.each(|_| (), LinearObserver::restart),
-        }
-    }
-
-    /// Forgets all of a channel, in the good copy too.
-    pub fn forget(&mut self, channel: ChannelName) {
-        match channel {
-            ChannelName::Translation => self.each(RigidBodyObserver::forget_translation, |_| ()),
-            ChannelName::Rotation => self.each(RigidBodyObserver::forget_rotation, |_| ()),
-            ChannelName::Linear => self.each(|_| (), LinearObserver::forget),
-        }
-    }
-
-    /// Keeps a copy of states and weights. Call it while they are known to be good.
-    pub fn keep_good_copy(&mut self) {
-        self.each(RigidBodyObserver::keep_good_copy, LinearObserver::keep_good_copy);
-    }
-
-    /// The states of the last good copy; `None` before the first.
-    pub fn kept_state(&self) -> Option<EstimatorState> {
-        let body = self.rigid_body.as_ref().map(|body| body.kept_state());
-        let linear = self.linear.as_ref().map(|linear| linear.kept_state());
-        Some(EstimatorState {
-            // An observer without a copy is no answer; one that is not configured is.
-            rigid_body: body.map_or(Some(None), |kept| kept.map(Some))?,
-            linear: linear.map_or(Some(None), |kept| kept.map(Some))?,
-        })
-    }
-
-    /// How many numbers the good copy of what was learned is.
-    pub fn n_kept(&self) -> usize {
-        self.n_kept_of_body() + self.linear.as_ref().map_or(0, LinearObserver::n_kept)
-    }
-
-    fn n_kept_of_body(&self) -> usize {
-        self.rigid_body.as_ref().map_or(0, RigidBodyObserver::n_kept)
-    }
-
-    /// The numbers of the good copy from `from` on, as many as `into` has room for: rigid body, then linear plant.
-    pub fn read_kept(&self, from: usize, into: &mut [f64]) {
-        let split = self.n_kept_of_body();
-        let (first, second) = into.split_at_mut(split.saturating_sub(from).min(into.len()));
-        if let Some(body) = &self.rigid_body {
-            body.read_kept(from, first);
-        }
-        if let Some(linear) = &self.linear {
-            linear.read_kept(from.saturating_sub(split), second);
-        }
-    }
-
-    /// Takes what observers of the same design have learned.
+    /// Goes on from the checkpoint of observers of the same design; see [`AnyChannel::load`].
     ///
     /// # Panics
-    /// With another count of numbers than [`Estimator::n_kept`].
-    pub fn put(&mut self, learned: &[f64]) {
-        let (body, linear) = learned.split_at(self.n_kept_of_body());
-        self.each(|observer| observer.put(body), |observer| observer.put(linear));
-    }
-
-    /// Goes on from states that observers of the same design have kept, after [`Estimator::put`].
-    pub fn resume(&mut self, kept: &EstimatorState) {
-        if let (Some(observer), Some(kept)) = (&mut self.rigid_body, &kept.rigid_body) {
-            observer.resume(kept);
-        }
-        if let (Some(observer), Some(kept)) = (&mut self.linear, &kept.linear) {
-            observer.resume(kept);
+    /// With another count of numbers than [`Estimator::n_learned`].
+    pub fn load(&mut self, learned: &[f64], state: Option<&EstimatorState>) {
+        let mut rest = learned;
+        self.each(|name, channel| {
+            let (own, others) = rest.split_at(channel.n_learned());
+            channel.load(own, state.and_then(|state| state.channels[name as usize].as_ref()));
+            rest = others;
+        });
+        if let (Some(body), Some(state)) = (&mut self.rigid_body, state) {
+            body.set_fixed_attitude(state.fixed_attitude);
         }
     }
 
-    /// Whether the outputs from now on may be learned from: of translation, rotation, linear plant.
-    pub fn set_teaching(&mut self, [translation, rotation, linear]: [bool; 3]) {
-        self.each(|body| body.set_teaching(translation, rotation), |observer| observer.set_teaching(linear));
+    /// How many numbers are learned, by all channels.
+    pub fn n_learned(&self) -> usize {
+        ChannelName::ALL
+            .into_iter()
+            .filter_map(|name| self.channel(name))
+            .map(|channel| channel.n_learned())
+            .sum()
     }
 
-    /// From now on outputs are judged by this; at first all are believed.
-    pub fn set_plausibility(&mut self, plausibility: Plausibility) {
-        self.each(|body| body.set_plausibility(plausibility), |linear| linear.set_plausibility(plausibility));
-    }
-
-    /// Outputs that stood out and were held back: of translation, rotation, linear plant.
-    pub fn n_held_back(&self) -> [u64; 3] {
-        let [translation, rotation] = self.rigid_body.as_ref().map_or([0; 2], RigidBodyObserver::n_held_back);
-        [translation, rotation, self.linear.as_ref().map_or(0, LinearObserver::n_held_back)]
-    }
-
-    fn each(&mut self, body: impl FnOnce(&mut RigidBodyObserver), linear: impl FnOnce(&mut LinearObserver)) {
-        if let Some(observer) = &mut self.rigid_body {
-            body(observer);
+    /// The learned numbers of the checkpoint from `from` on, as many as `into` has room for: channel after channel.
+    pub fn read_saved(&self, from: usize, into: &mut [f64]) {
+        let mut start = 0;
+        for channel in ChannelName::ALL.into_iter().filter_map(|name| self.channel(name)) {
+            let end = start + channel.n_learned();
+            let (first, last) = (from.max(start), (from + into.len()).min(end));
+            if first < last {
+                channel.read_saved(first - start, &mut into[first - from..last - from]);
+            }
+            start = end;
         }
-        if let Some(observer) = &mut self.linear {
-            linear(observer);
-        }
+    }
+
+    /// From now on outputs are judged by this; at first all are accepted.
+    pub fn set_innovation_gate(&mut self, gate: InnovationGate) {
+        self.each(|_, channel| channel.set_innovation_gate(gate));
     }
 }

@@ -117,8 +117,8 @@ impl Replay {
         let mut engine = Engine::new(&file.config, file.estimator().map_err(config_error)?);
         if let Some(bytes) = &session.checkpoint {
             let unreadable = |_| ReplayError::Checkpoint("a checkpoint of another program version".into());
-            let kept = postcard::from_bytes(bytes).map_err(unreadable)?;
-            engine.resume(&kept).map_err(ReplayError::Checkpoint)?;
+            let checkpoint = postcard::from_bytes(bytes).map_err(unreadable)?;
+            engine.load(&checkpoint).map_err(ReplayError::Checkpoint)?;
         }
         let report = SessionReport {
             instance: session.instance.clone(),
@@ -143,7 +143,7 @@ impl Replay {
             }
             Entry::Estimate(recorded) => self.compare(recorded),
             Entry::Command(command) => self.engine.carry_out(*command),
-            Entry::Checkpoint => self.engine.keep_good_copy(),
+            Entry::Checkpoint => self.engine.save(),
             Entry::Missing(ticks) => {
                 self.report.ticks_missing = self.report.ticks_missing.saturating_add(*ticks);
                 self.is_checked = false;

@@ -138,24 +138,24 @@ impl Service {
         let mut engine = Engine::new(&config, estimator);
         let snapshot = files.state.as_ref().map(|state| ServiceFiles::snapshot_in(state, domain, instance));
         let snapshot_lock = snapshot.as_deref().map(SnapshotLock::take).transpose()?;
-        let (kept, restored) = match &snapshot {
+        let (checkpoint, restored) = match &snapshot {
             Some(path) => snapshot::take_over(path, files.is_fresh, &config, &mut engine)?,
             None => Default::default(),
         };
         let (snapshots, saver) =
-            snapshot::saver(snapshot, instance, &config, (engine.n_kept(), files.is_fresh));
+            snapshot::saver(snapshot, instance, &config, (engine.n_learned(), files.is_fresh));
         let mut recorder_ring = RecorderRing::none();
         let mut recorder = None;
         let mut record_progress = None;
         if let Some(path) = &files.record {
-            let session = recorder::session(&config, instance, kept.as_ref());
+            let session = recorder::session(&config, instance, checkpoint.as_ref());
             let (ring, writer, progress) =
                 recorder::recorder(path, &session, config.rate_hz, crate::cycle::MOST_SAMPLES_PER_TICK)
                     .map_err(|cause| StartError::Record { path: path.display().to_string(), cause })?;
             recorder_ring = ring;
             (recorder, record_progress) = (Some(writer), Some(progress));
         }
-        drop(kept);
+        drop(checkpoint);
 
         let (records_in, records_out) = rtrb::RingBuffer::new(RECORDS);
         let (commands_in, commands_out) = rtrb::RingBuffer::new(8);

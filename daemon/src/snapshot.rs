@@ -1,12 +1,12 @@
 //! Snapshots: what was learned, and the state, in a file, so that a restart goes on instead of beginning again.
 //!
 //! ```text
-//! loop:   good copy ──a part per tick──▶ ring ──▶ saver thread: NAME.snapshot.new, sync, rename, sync ──▶ NAME.snapshot
+//! loop:   checkpoint ──a part per tick──▶ ring ──▶ saver thread: NAME.snapshot.new, sync, rename, sync ──▶ NAME.snapshot
 //! start:  NAME.snapshot ──checks: sum, version, meaning──▶ engine
 //! ```
 //!
-//! A kill at any instant leaves the previous file or the new one, whole. The loop never waits: the good copy that it
-//! keeps anyway is read in parts, in the slack after publication.
+//! A kill at any instant leaves the previous file or the new one, whole. The loop never waits: the checkpoint that it
+//! saves anyway is read in parts, in the slack after publication.
 //!
 //! | bytes | what |
 //! |---|---|
@@ -16,7 +16,7 @@
 //! | … | [`Snapshot`] as postcard |
 
 use crate::config::{Clock, Config};
-use crate::engine::{Engine, EngineState, Kept};
+use crate::engine::{Checkpoint, Engine, EngineState};
 use crate::log::say;
 use rustix::fs::{FlockOperation, OFlags, flock};
 use serde::{Deserialize, Serialize};
@@ -31,8 +31,8 @@ use std::sync::{Arc, mpsc};
 use std::time::{Duration, Instant, SystemTime};
 
 const MAGIC: &[u8; 8] = b"obs-snap";
-const VERSION: u32 = 1;
-/// The loop hands over so many numbers a tick: a few microseconds of copying.
+const VERSION: u32 = 2;
+/// The loop hands over this many numbers a tick: a few microseconds of copying.
 const NUMBERS_PER_TICK: usize = 8192;
 /// A loop that has not handed over a copy after this long, and twice the time that it takes to read it, does not tick,
 /// or has none that is good.
@@ -57,7 +57,8 @@ pub struct Snapshot {
     /// The keys of the configuration that give the learned numbers their meaning, with their values.
     pub meaning: Vec<(String, String)>,
     /// What was learned, and the state.
-    pub kept: Kept,
+    #[serde(rename = "kept")]
+    pub checkpoint: Checkpoint,
 }
 
 /// Why a snapshot cannot be used.
@@ -336,7 +337,7 @@ pub fn take_over(
     is_fresh: bool,
     config: &Config,
     engine: &mut Engine,
-) -> Result<(Option<Kept>, u64), SnapshotError> {
+) -> Result<(Option<Checkpoint>, u64), SnapshotError> {
     let io_error = |cause| SnapshotError::Io { path: path.display().to_string(), cause };
     // A fresh start sets an old file aside when it first has another one to put there.
     if is_fresh || !path.try_exists().map_err(io_error)? {
@@ -357,7 +358,7 @@ pub fn take_over(
         let path = path.display().to_string();
         return Err(SnapshotError::OtherDesign { path, differences: differences.join("; ") });
     }
-    let Kept { learned, state } = snapshot.kept;
+    let Checkpoint { learned, state } = snapshot.checkpoint;
     // Of the newest sample that went into it: what was silent for long is not gone on from.
     let age_s = |state: &EngineState| {
         let stamp_ns = state.estimator.stamp_ns()?;
@@ -369,26 +370,26 @@ pub fn take_over(
             && config.clock == Clock::Monotonic
             && age_s(state).is_some_and(|age_s| age_s <= config.snapshot.resume_state_within_s)
     };
-    let kept = Kept { learned, state: state.filter(goes_on) };
-    engine.resume(&kept).map_err(|differences| SnapshotError::OtherDesign {
+    let checkpoint = Checkpoint { learned, state: state.filter(goes_on) };
+    engine.load(&checkpoint).map_err(|differences| SnapshotError::OtherDesign {
         path: path.display().to_string(),
         differences,
     })?;
-    let what = if kept.state.is_some() { "goes on, state included," } else { "goes on" };
+    let what = if checkpoint.state.is_some() { "goes on, state included," } else { "goes on" };
     say!(
         "{what} with what was learned until {} s ago ('{}')",
         unix_s().saturating_sub(snapshot.made_unix_s),
         path.display()
     );
-    let kind = if kept.state.is_some() { restored::LEARNED_AND_STATE } else { restored::LEARNED };
-    Ok((Some(kept), kind))
+    let kind = if checkpoint.state.is_some() { restored::LEARNED_AND_STATE } else { restored::LEARNED };
+    Ok((Some(checkpoint), kind))
 }
 
 fn unix_s() -> u64 {
     SystemTime::UNIX_EPOCH.elapsed().map_or(0, |elapsed| elapsed.as_secs())
 }
 
-/// A good copy on its way from the loop to the saver thread.
+/// A checkpoint on its way from the loop to the saver thread.
 #[derive(Debug, Clone, Default)]
 struct Copied {
     learned: Vec<f64>,
@@ -408,7 +409,7 @@ pub struct SnapshotRing {
 }
 
 impl SnapshotRing {
-    /// Takes a request, if there is one: a good copy is to be kept now and read from then on.
+    /// Takes a request, if there is one: a checkpoint is to be saved now and read from then on.
     pub fn take_request(&mut self) -> bool {
         self.filling = self.requests.pop().ok().map(|copy| (copy, 0));
         self.filling.is_some()
@@ -430,7 +431,7 @@ impl SnapshotRing {
     pub fn read_a_part(&mut self, engine: &Engine) {
         let Some((copy, done)) = &mut self.filling else { return };
         let end = (*done + NUMBERS_PER_TICK).min(copy.learned.len());
-        engine.read_kept(*done, &mut copy.learned[*done..end]);
+        engine.read_saved(*done, &mut copy.learned[*done..end]);
         *done = end;
         if end < copy.learned.len() {
             return;
@@ -443,13 +444,13 @@ impl SnapshotRing {
     /// Reads the whole copy at once, after the last tick.
     pub fn read_at_once(&mut self, engine: &Engine) {
         self.filling = None;
-        let mut copy = Copied { learned: vec![0.0; engine.n_kept()], ..Copied::default() };
-        engine.read_kept(0, &mut copy.learned);
+        let mut copy = Copied { learned: vec![0.0; engine.n_learned()], ..Copied::default() };
+        engine.read_saved(0, &mut copy.learned);
         self.hand_over(copy, engine);
     }
 
     fn hand_over(&mut self, mut copy: Copied, engine: &Engine) {
-        copy.state = engine.kept_state();
+        copy.state = engine.saved_state();
         copy.stamp_ns = monotonic_ns();
         copy.samples_accepted = engine.counters().samples_accepted;
         copy.n_forgotten = engine.n_forgotten();
@@ -586,10 +587,10 @@ impl Saver {
             stamp_ns,
             samples_accepted,
             meaning: self.meaning.clone(),
-            kept: Kept { learned, state },
+            checkpoint: Checkpoint { learned, state },
         };
         let written = self.set_aside(n_forgotten).and_then(|()| snapshot.write(&self.path));
-        self.blank = Some(Copied { learned: snapshot.kept.learned, ..Copied::default() });
+        self.blank = Some(Copied { learned: snapshot.checkpoint.learned, ..Copied::default() });
         match written {
             Ok(()) => {
                 self.progress.saved.fetch_add(1, Ordering::Relaxed);

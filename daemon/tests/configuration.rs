@@ -135,7 +135,9 @@ fn a_linear_plant_of_wrong_shape_is_refused_by_its_key() {
     assert_refused(&dense, &["linear.centers_lower", "7 GB", "at most 20000"]);
     // The local solver, which "auto" takes here, has no such matrix.
     let local = ConfigFile::parse("vehicle.toml".into(), good.replace("[13]", "[30000]")).unwrap();
-    assert!(local.estimator().unwrap().linear.unwrap().law().solver().to_string().contains("local"));
+    assert!(
+        local.estimator().unwrap().linear.unwrap().law().function().solver().to_string().contains("local")
+    );
     assert_refused(&good.replace("200.0", "0.0"), &["line 4", "rate_hz"]);
     assert_refused(&good.replace("[13]", "[13, 2]"), &["linear.centers_lower"]);
     assert_refused(&good.replace("\"velocity\"", "\"velocity\", \"x\""), &["3 state_names for 2 states"]);
@@ -183,7 +185,7 @@ fn the_automatic_solver_goes_by_the_number_of_centers() {
         let text = GOOD.replace("centers_per_axis = [3, 3, 3]", &counts);
         let file = ConfigFile::parse("vehicle.toml".into(), text).unwrap();
         let estimator = file.estimator().unwrap();
-        estimator.rigid_body.unwrap().translation().unwrap().solver().to_string()
+        estimator.rigid_body.unwrap().translation().unwrap().function().solver().to_string()
     };
     assert_eq!(solver(3), "dense, exact");
     assert!(solver(13).contains("local, from a block of"), "{}", solver(13));

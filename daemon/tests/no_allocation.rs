@@ -31,7 +31,7 @@ fn ticks_of_a_service_allocate_nothing(preset: &str) {
     let files = tempfile::tempdir().unwrap();
     let engine = Engine::new(&file.config, file.estimator().unwrap());
     let path = files.path().join("vehicle.snapshot");
-    let (snapshots, saver) = saver(Some(path.clone()), "vehicle", &file.config, (engine.n_kept(), false));
+    let (snapshots, saver) = saver(Some(path.clone()), "vehicle", &file.config, (engine.n_learned(), false));
     let (saver, handle) = saver.unwrap();
     let session = session(&file.config, "vehicle", None);
     let (ring, recorder, recorded) = recorder(&files.path().join("flight"), &session, 1000.0, 256).unwrap();
@@ -87,7 +87,7 @@ fn ticks_of_a_service_allocate_nothing(preset: &str) {
     stop.store(true, Ordering::Relaxed);
     writers.into_iter().for_each(|writer| writer.join().unwrap());
     assert_eq!(handle.progress.saved.load(Ordering::Relaxed), 1);
-    assert!(Snapshot::read(&path).unwrap().kept.learned.iter().any(|number| *number != 0.0));
+    assert!(Snapshot::read(&path).unwrap().checkpoint.learned.iter().any(|number| *number != 0.0));
     assert_eq!(recorded.written.load(Ordering::Relaxed), 2000);
     assert!(published > 1900, "{published}");
     assert!(in_slack >= 2000, "the counter sees the loans, {in_slack}");

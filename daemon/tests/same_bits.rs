@@ -6,6 +6,7 @@ use common::{Daemon, TestDomain};
 use daemon::config::{ConfigFile, InputConfig};
 use daemon::engine::to_payload;
 use daemon::gate::Gate;
+use observer::Learn;
 use shared_types::clock::{monotonic_ns, sleep_until_ns};
 use shared_types::{Estimate, Measurement};
 
@@ -59,7 +60,7 @@ fn the_service_and_the_library_agree_to_the_bit() {
     for estimate in received.iter().filter(|estimate| estimate.source_stamp_ns > 0) {
         while let Some(sample) = samples.next_if(|sample| sample.sequence <= estimate.source_sequence) {
             let accepted = gate.judge(sample, 1, estimate.stamp_ns).unwrap();
-            observer.accept(&accepted.sample, &accepted.linear);
+            observer.accept(&accepted.sample, &accepted.linear, Learn::ALL);
         }
         let offline = to_payload(&observer.estimate(estimate.stamp_ns));
         let offline = Estimate {

@@ -6,7 +6,7 @@ mod common;
 use common::{Daemon, PATIENCE, TestDomain, daemon_command, finished, preset_between, wait_until};
 use daemon::ServiceFiles;
 use daemon::config::ConfigFile;
-use daemon::engine::{Engine, Kept};
+use daemon::engine::{Checkpoint, Engine};
 use daemon::snapshot::Snapshot;
 use rustix::process::Signal;
 use shared_types::clock::monotonic_ns;
@@ -60,9 +60,9 @@ fn another_engine_goes_on_to_the_bit() {
     for file in presets.into_iter().chain([local_preset()]) {
         let mut engine = Engine::new(&file.config, file.estimator().unwrap());
         (0..600).for_each(|sequence| drop(tick(&mut engine, sequence)));
-        engine.keep_good_copy();
-        let mut learned = vec![0.0; engine.n_kept()];
-        learned.chunks_mut(100).enumerate().for_each(|(j, part)| engine.read_kept(100 * j, part));
+        engine.save();
+        let mut learned = vec![0.0; engine.n_learned()];
+        learned.chunks_mut(100).enumerate().for_each(|(j, part)| engine.read_saved(100 * j, part));
         assert!(learned.iter().any(|number| *number != 0.0), "{}", file.name());
         let snapshot = Snapshot {
             program_version: String::new(),
@@ -72,14 +72,14 @@ fn another_engine_goes_on_to_the_bit() {
             stamp_ns: 0,
             samples_accepted: 600,
             meaning: daemon::snapshot::meaning(&file.config),
-            kept: Kept { learned, state: engine.kept_state() },
+            checkpoint: Checkpoint { learned, state: engine.saved_state() },
         };
-        let kept = Snapshot::decode(&snapshot.encode()).unwrap().kept;
-        let nothing = Kept { learned: vec![0.0; kept.learned.len()], ..kept.clone() };
-        let without_state = Kept { state: None, ..kept.clone() };
+        let kept = Snapshot::decode(&snapshot.encode()).unwrap().checkpoint;
+        let nothing = Checkpoint { learned: vec![0.0; kept.learned.len()], ..kept.clone() };
+        let without_state = Checkpoint { state: None, ..kept.clone() };
         for (kept, same) in [(kept, true), (nothing, false), (without_state, false)] {
             let mut other = Engine::new(&file.config, file.estimator().unwrap());
-            other.resume(&kept).unwrap();
+            other.load(&kept).unwrap();
             let mut original = engine.clone();
             let is_same = (600..900).all(|j| tick(&mut original, j) == tick(&mut other, j));
             assert_eq!(is_same, same, "{}", file.name());
@@ -100,7 +100,7 @@ fn a_damaged_snapshot_is_never_taken_for_a_whole_one() {
         stamp_ns: 2,
         samples_accepted: 3,
         meaning: vec![("a".into(), "b".into())],
-        kept: Kept { learned: vec![1.0; 5], state: engine.kept_state() },
+        checkpoint: Checkpoint { learned: vec![1.0; 5], state: engine.saved_state() },
     };
     let bytes = snapshot.encode();
     assert_eq!(Snapshot::decode(&bytes).unwrap(), snapshot);
@@ -227,11 +227,11 @@ fn another_design_is_refused_by_name_and_fresh_begins_anew() {
 #[test]
 fn a_damaged_file_is_set_aside_and_keeps_nothing_on_the_ground() {
     let domain = TestDomain::new();
-    // Of another version is not damaged: refused.
+    // A file of another version is not damaged: it is refused.
     std::fs::write(snapshot_path(&domain), b"obs-snap\x07\0\0\0and what only that one knows").unwrap();
     let (code, log) = Daemon::start(&domain, &[]).finish();
     assert!(code == Some(2) && log.contains("version 7") && log.contains("--fresh"), "{log}");
-    std::fs::write(snapshot_path(&domain), b"obs-snap\x01\0\0\0sum and then something else").unwrap();
+    std::fs::write(snapshot_path(&domain), b"obs-snap\x02\0\0\0sum and then something else").unwrap();
     let daemon = Daemon::start(&domain, &[]);
     domain.client();
     assert_eq!(domain.status().snapshot_restored, restored::NOTHING);
@@ -344,7 +344,7 @@ fn what_is_forgotten_is_kept_beside() {
     let client = domain.client();
     fly(&client, 0, 200);
     let learned =
-        |path: PathBuf| Snapshot::read(&path).unwrap().kept.learned.iter().any(|number| *number != 0.0);
+        |path: PathBuf| Snapshot::read(&path).unwrap().checkpoint.learned.iter().any(|number| *number != 0.0);
     assert_eq!(client.command(command::SAVE, PATIENCE).unwrap().outcome, outcome::DONE);
     assert!(learned(snapshot_path(&domain)));
     assert_eq!(client.command(command::RESET, PATIENCE).unwrap().outcome, outcome::DONE);

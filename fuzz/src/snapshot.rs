@@ -19,7 +19,7 @@ pub(crate) fn run(bytes: &[u8]) {
     let _ = Snapshot::decode(bytes);
     // With a sum that fits, what is behind it is reached.
     let whole =
-        [b"obs-snap", 1_u32.to_le_bytes().as_slice(), &crc32fast::hash(bytes).to_le_bytes(), bytes].concat();
+        [b"obs-snap", 2_u32.to_le_bytes().as_slice(), &crc32fast::hash(bytes).to_le_bytes(), bytes].concat();
     match Snapshot::decode(&whole) {
         Err(error) => assert!(!error.to_string().is_empty()),
         Ok(snapshot) => START.with(|start| {
@@ -28,7 +28,7 @@ pub(crate) fn run(bytes: &[u8]) {
             // Read back, it is the same: NaN is equal to nothing, so bytes are compared.
             assert_eq!(Snapshot::decode(&snapshot.encode()).unwrap().encode(), snapshot.encode());
             let mut engine = engine.clone();
-            if engine.resume(&snapshot.kept).is_ok() {
+            if engine.load(&snapshot.checkpoint).is_ok() {
                 engine.begin(1_000_000_000_000, 0);
                 let estimate = engine.conclude();
                 assert!(estimate.is_finite(), "{estimate:?}");

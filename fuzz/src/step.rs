@@ -3,7 +3,7 @@
 
 use crate::bytes::Bytes;
 use daemon::config::{Clock, ConfigFile};
-use daemon::engine::{Engine, Kept, LoopCommand};
+use daemon::engine::{Checkpoint, Engine, LoopCommand};
 use shared_types::payload::{Channel, status_bits};
 use std::cell::LazyCell;
 
@@ -71,7 +71,7 @@ pub(crate) fn run(bytes: &[u8]) {
             }
             16..=23 => engine.carry_out(LoopCommand::Freeze),
             24..=31 => engine.carry_out(LoopCommand::Thaw),
-            32..=43 => engine.keep_good_copy(),
+            32..=43 => engine.save(),
             44..=51 => resume_from_itself(&mut engine, &mut newest_ns),
             // Half a minute without a tick at most: a coast takes 4 steps a second.
             56 => wake_ns += u64::from(bytes.byte()) * 125_000_000,
@@ -102,18 +102,18 @@ pub(crate) fn run(bytes: &[u8]) {
             assert!(estimate.stamp_ns >= newest_ns.max(wake_ns), "{estimate:?}");
             newest_ns = engine.gate().newest_stamp_ns().unwrap_or(0);
         }
-        if engine.good_copy_is_due() {
-            engine.keep_good_copy();
+        if engine.checkpoint_is_due() {
+            engine.save();
         }
     }
 }
 
 /// As after a restart with a snapshot, with the state or with what was learned alone.
 fn resume_from_itself(engine: &mut Engine, newest_ns: &mut u64) {
-    let mut learned = vec![0.0; engine.n_kept()];
-    engine.read_kept(0, &mut learned);
-    let state = engine.kept_state();
-    engine.resume(&Kept { learned, state }).unwrap();
+    let mut learned = vec![0.0; engine.n_learned()];
+    engine.read_saved(0, &mut learned);
+    let state = engine.saved_state();
+    engine.load(&Checkpoint { learned, state }).unwrap();
     *newest_ns = 0;
 }
 

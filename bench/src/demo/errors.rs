@@ -5,6 +5,7 @@ use daemon::config::ConfigFile;
 use daemon::engine::to_payload;
 use daemon::gate::Gate;
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
+use observer::Learn;
 use shared_types::payload::{Estimate, status_bits};
 use shared_types::{Measurement, Truth};
 
@@ -43,13 +44,13 @@ impl Run {
 
     /// The estimates that the same samples give at the same instants if nothing is learned.
     pub(super) fn without_adaptation(&self, config: &ConfigFile) -> anyhow::Result<Vec<Estimate>> {
-        let mut observer = config.observer_without_adaptation()?;
+        let mut observer = config.observer()?;
         let mut gate = Gate::new(config.config.input, true);
         let mut measurements = self.measurements.iter().peekable();
         let estimates = self.estimates.iter().map(|estimate| {
             while let Some(m) = measurements.next_if(|m| m.sequence <= estimate.source_sequence) {
                 if let Ok(accepted) = gate.judge(m, 0, estimate.stamp_ns) {
-                    observer.accept(&accepted.sample);
+                    observer.accept(&accepted.sample, Learn::FROZEN);
                 }
             }
             Estimate { status: estimate.status, ..to_payload(&observer.estimate(estimate.stamp_ns).into()) }

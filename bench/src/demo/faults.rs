@@ -13,6 +13,7 @@ use anyhow::{Context, bail};
 use daemon::config::ConfigFile;
 use daemon::engine::to_payload;
 use daemon::gate::Gate;
+use observer::Learn;
 use serde_json::{Map, Value, json};
 use shared_types::outln;
 use shared_types::payload::{Estimate, Measurement, Rejection, Status};
@@ -47,7 +48,7 @@ pub(super) fn without_faults(
     let estimates = run.estimates.iter().map(|estimate| {
         while let Some(sample) = measured.next_if(|sample| sample.stamp_ns <= estimate.stamp_ns) {
             if let Ok(accepted) = gate.judge(&sample, 0, sample.stamp_ns) {
-                observer.accept(&accepted.sample);
+                observer.accept(&accepted.sample, Learn::ALL);
             }
         }
         to_payload(&observer.estimate(estimate.stamp_ns).into())

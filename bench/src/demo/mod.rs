@@ -111,7 +111,8 @@ pub(crate) fn run(arguments: &DemoArguments) -> anyhow::Result<()> {
 
     let stop = stop_flag()?;
     let mut recording = record(&options, preset, &faults, &stop)?;
-    let unseen = recording.status.counters.samples_accepted.saturating_sub(recording.measurements.len() as u64);
+    let unseen =
+        recording.status.counters.samples_accepted.saturating_sub(recording.measurements.len() as u64);
     if unseen > 0 {
         logln!("bench: {unseen} samples were too fast for this process to see: the comparison lacks them");
     }

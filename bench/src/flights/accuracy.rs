@@ -4,7 +4,7 @@ use crate::kalman::KalmanFilter;
 use anyhow::ensure;
 use daemon::config::TranslationConfig;
 use nalgebra::Vector3;
-use observer::{RigidBodyObserver, Sample, Velocity};
+use observer::{Learn, RigidBodyObserver, Sample, Velocity};
 
 /// From one coast's start to the next (s).
 pub(crate) const COAST_EVERY_S: f64 = 0.25;
@@ -96,7 +96,7 @@ pub(crate) trait Estimator: Clone {
 }
 
 #[derive(Clone)]
-pub(crate) struct ObserverEstimator(pub(crate) RigidBodyObserver);
+pub(crate) struct ObserverEstimator(pub(crate) RigidBodyObserver, pub(crate) Learn);
 
 impl Estimator for ObserverEstimator {
     fn predict(&mut self, stamp_ns: u64) -> Vector3<f64> {
@@ -104,7 +104,7 @@ impl Estimator for ObserverEstimator {
     }
 
     fn take(&mut self, sample: &Sample) -> anyhow::Result<()> {
-        self.0.accept(sample);
+        self.0.accept(sample, self.1);
         Ok(())
     }
 }
@@ -296,7 +296,7 @@ mod tests {
             .collect();
         let flight = Flight::new(samples, 0.5).unwrap();
         let config = ConfigFile::preset("acsl-x8").unwrap();
-        let ours = evaluate(&flight, ObserverEstimator(config.observer().unwrap())).unwrap();
+        let ours = evaluate(&flight, ObserverEstimator(config.observer().unwrap(), Learn::ALL)).unwrap();
         let filter = KalmanFilter::new(2.2, 0.0, 0.01);
         let gravity = Vector3::new(0.0, 0.0, 2.2 * 9.81);
         let theirs = evaluate(&flight, KalmanEstimator::new(filter, gravity)).unwrap();

@@ -26,6 +26,7 @@ use clap::Args;
 use daemon::config::{ConfigFile, LengthScaleConfig, SymmetricMatrix, TranslationConfig};
 use indicatif::ProgressBar;
 use nalgebra::Vector3;
+use observer::Learn;
 use serde::Serialize;
 use shared_types::outln;
 use std::path::PathBuf;
@@ -175,7 +176,7 @@ pub(crate) fn run(arguments: &TuneArguments) -> anyhow::Result<()> {
     let values = search.values(coordinates).context("the best one is within the bounds")?;
     let tuned = search.config(&values);
     let errors = |config: &ConfigFile, flight: &Flight| -> anyhow::Result<Errors> {
-        let accuracy = evaluate(flight, ObserverEstimator(config.observer()?))?;
+        let accuracy = evaluate(flight, ObserverEstimator(config.observer()?, Learn::ALL))?;
         let (one_step_rms_m_s, coast_rms_m_s) = (accuracy.one_step_rms_m_s, accuracy.coast_rms_m_s);
         Ok(Errors { one_step_rms_m_s, coast_rms_m_s })
     };
@@ -420,7 +421,7 @@ fn block_errors(flight: &Flight, config: &ConfigFile) -> anyhow::Result<Vec<[f64
     let mut sums: Vec<[MeanLog; 2]> = (0..N_BLOCKS).map(|_| Default::default()).collect();
     let learned_in = flight.half;
     let length = (flight.samples.len() - learned_in).div_ceil(N_BLOCKS);
-    fly(flight, ObserverEstimator(config.observer()?), |index, finding| {
+    fly(flight, ObserverEstimator(config.observer()?, Learn::ALL), |index, finding| {
         let Some(after) = index.checked_sub(learned_in) else { return };
         let block = &mut sums[after / length];
         match finding {

@@ -17,8 +17,8 @@ use super::settings::{Example, FeltAt, Initial, Scheme, Settings, UsageError};
 use anyhow::ensure;
 use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 use observer::{
-    Centers, Channel, ChannelDesign, DeadZone, DisturbanceBounds, Kernel, Learning, LengthScale, Segment,
-    Solver,
+    BodyChannel, BodyState, Centers, ChannelDesign, DeadZone, DisturbanceBounds, Kernel, Learning,
+    LengthScale, Moment, Segment, Solver,
 };
 use sim_publisher::plant::{State, Wrench, integrate, integrate_under};
 use sim_publisher::scenario::Definition;
@@ -45,10 +45,10 @@ pub fn run(settings: &Settings) -> anyhow::Result<Run> {
 
     let mut state = vehicle.initial_state();
     let mut pose_estimate = Pose::of(example, &state);
-    let mut rate_estimate = match settings.initial {
+    channel.set_rate(match settings.initial {
         Initial::Reference => example.rate(&state),
         Initial::ZeroVelocity => Vector3::zeros(),
-    };
+    });
     let mut run = Run { rows: Vec::with_capacity(settings.n_samples()), n_clamped: 0 };
     for j in 0..settings.n_samples() {
         let t_s = j as f64 / rate_hz;
@@ -56,14 +56,14 @@ pub fn run(settings: &Settings) -> anyhow::Result<Run> {
         let command = vehicle.command(t_s, &state);
         let output = example.rate(&state) + noise(t_s);
 
-        channel.law.observe(&output, &rate_estimate);
-        let learning = channel.law.learning(h_s);
+        let rate_estimate = channel.state().rate;
+        channel.observe(&output, true);
+        let learning = channel.law().learning(h_s);
         let matched_force = match settings.scheme {
-            Scheme::UpdateFirst => channel.law.matched_force(&learning),
-            Scheme::PredictFirst => channel.law.matched_force(&Learning::none()),
+            Scheme::UpdateFirst => channel.law().matched_force(&learning),
+            Scheme::PredictFirst => channel.law().matched_force(&Learning::none()),
         }
         .value;
-        channel.law.learn(&learning);
         run.n_clamped += usize::from(learning.clamped);
 
         let calm = Vector3::zeros();
@@ -74,17 +74,17 @@ pub fn run(settings: &Settings) -> anyhow::Result<Run> {
             force: example.force(&nominal.unknown(vehicle, &state, &command, &calm).matched),
             force_estimate: matched_force,
             output,
-            output_error: channel.law.output_error().norm(),
+            output_error: channel.law().held().output_error.norm(),
             activation: learning.activation,
-            power_function: channel.law.power_function(),
+            power_function: channel.law().power_function(),
         });
 
         let force = example.force(&command) + matched_force;
-        let segment = channel.integrator.follow(&rate_estimate, &output, &force, h_s);
+        let segment = channel.plant().integrator().follow(&rate_estimate, &output, &force, h_s);
         pose_estimate = pose_estimate.after(&segment);
-        rate_estimate = segment.end;
+        channel.commit(&learning, Moment { stamp_ns: 0, state: BodyState { rate: segment.end, pose: () } });
         ensure!(
-            rate_estimate.iter().chain(&matched_force).all(|value| value.is_finite()),
+            segment.end.iter().chain(&matched_force).all(|value| value.is_finite()),
             "the estimate is not finite after {} s: this scheme is unstable with these settings; lower \
              --adaptation-rate, raise --rate-hz, or use --scheme update-first",
             t_s + h_s
@@ -98,7 +98,7 @@ pub fn run(settings: &Settings) -> anyhow::Result<Run> {
 }
 
 /// The paper's observer: 3 × 3 × 3 centers on [−1, 1]³ m/s, or on [−0.1, 0.1]³ rad/s.
-fn channel(settings: &Settings) -> Result<Channel, UsageError> {
+fn channel(settings: &Settings) -> Result<BodyChannel, UsageError> {
     let nominal = settings.example.scenario().nominal();
     let (reach, inertia) = match settings.example {
         Example::Translation => (1.0, Matrix3::identity() * nominal.mass_kg),
@@ -119,7 +119,7 @@ fn channel(settings: &Settings) -> Result<Channel, UsageError> {
         // There is no coasting here: every sample arrives.
         coast_step_s: settings.rate_hz.recip(),
     };
-    Ok(Channel::new(&design)?)
+    Ok(BodyChannel::new(&design)?)
 }
 
 impl Example {

@@ -84,7 +84,7 @@ pub(super) fn wandering_outputs() -> Vec<Vector3<f64>> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use observer::Channel;
+    use observer::BodyChannel;
 
     #[test]
     fn centers_that_are_no_cube_are_still_well_separated() {
@@ -93,7 +93,7 @@ mod tests {
             assert_eq!((centers.n_centers(), kind.as_str()), (n_centers, "quasi-random"));
             let (.., distance) = centers.closest_pair(&[1.0; 3]).unwrap();
             assert!(distance > 0.5 * (n_centers as f64).cbrt().recip(), "N = {n_centers}: {distance}");
-            Channel::new(&design(centers).unwrap()).unwrap();
+            BodyChannel::new(&design(centers).unwrap()).unwrap();
         }
         assert_eq!(centers(125).unwrap().1, "lattice 5³");
     }

@@ -3,7 +3,7 @@
 use super::channel::{ADAPTATION_RATE, GAIN_PER_S, INPUT, KERNEL, LENGTH_SCALE, MASS_KG, STEP_S, dead_zone};
 use anyhow::{Context, bail};
 use nalgebra::{DMatrix, DVector, Matrix3, Matrix3xX, Vector3};
-use observer::{Channel, DeadZone, Learning, RadialFunction};
+use observer::{BodyChannel, DeadZone, Learning, RadialFunction};
 
 /// The law as the paper prints it, on 3N coefficients:
 ///
@@ -27,8 +27,8 @@ pub(super) struct LiteralChannel {
 }
 
 impl LiteralChannel {
-    pub(super) fn new(channel: &Channel) -> anyhow::Result<Self> {
-        let space = channel.law.space();
+    pub(super) fn new(channel: &BodyChannel) -> anyhow::Result<Self> {
+        let space = channel.law().function().space();
         let gram = space.gram();
         let inverse = gram.cholesky().context("the Gram matrix is not positive definite")?.inverse();
         Ok(Self {
@@ -80,15 +80,15 @@ const TOLERANCE: f64 = 1e-9;
 /// # Errors
 /// A difference beyond the tolerance.
 pub(super) fn check_agreement(
-    channel: &mut Channel,
+    channel: &mut BodyChannel,
     literal: &mut LiteralChannel,
     outputs: &[Vector3<f64>],
 ) -> anyhow::Result<f64> {
-    let (mut ours, mut theirs) = (Vector3::zeros(), Vector3::zeros());
+    let mut theirs = Vector3::zeros();
     let (mut difference, mut largest): (f64, f64) = (0.0, 0.0);
     for output in &outputs[..CHECKED_STEPS] {
-        ours = channel.step(&ours, output, &INPUT, STEP_S);
-        let our_force = channel.law.matched_force_at(output, &Learning::none()).value;
+        let ours = channel.step(output, &INPUT, STEP_S).state.rate;
+        let our_force = channel.law_mut().matched_force_at(output, &Learning::none()).value;
         let their_force;
         (theirs, their_force) = literal.step(&theirs, output, &INPUT);
         difference = difference.max((our_force - their_force).amax()).max((ours - theirs).amax());
@@ -100,7 +100,7 @@ pub(super) fn check_agreement(
             "ours and the literal formula differ by {relative:.1e} of the force after {CHECKED_STEPS} steps; \
              needed: at most {TOLERANCE:.0e}. One of them is wrong, or the Gram matrix is too badly \
              conditioned (here {:.1e}) to compare them: choose fewer centers or a lower --literal-up-to",
-            channel.law.space().gram_condition()
+            channel.law().function().space().gram_condition()
         );
     }
     Ok(relative)
@@ -111,8 +111,8 @@ mod tests {
     use super::super::channel::{centers, design, wandering_outputs};
     use super::*;
 
-    fn channel(n_centers: usize) -> Channel {
-        Channel::new(&design(centers(n_centers).unwrap().0).unwrap()).unwrap()
+    fn channel(n_centers: usize) -> BodyChannel {
+        BodyChannel::new(&design(centers(n_centers).unwrap().0).unwrap()).unwrap()
     }
 
     #[test]
@@ -123,7 +123,7 @@ mod tests {
             let mut literal = LiteralChannel::new(&channel).unwrap();
             let difference = check_agreement(&mut channel, &mut literal, &outputs).unwrap();
             assert!(difference < TOLERANCE, "N = {n_centers}: {difference:e}");
-            assert!(channel.law.native_norm() > 1.0, "nothing was learned");
+            assert!(channel.law().function().native_norm() > 1.0, "nothing was learned");
         }
     }
 

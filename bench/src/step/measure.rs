@@ -115,11 +115,12 @@ pub(super) fn measure(
     };
 
     let channel = &mut subject.channel;
-    let (mut estimate, mut literal_estimate) = (Vector3::zeros(), Vector3::zeros());
+    channel.set_rate(Vector3::zeros());
+    let mut literal_estimate = Vector3::zeros();
     let (mut n_open, mut n_counted, started) = (0, 0, Instant::now());
     while n_counted < MIN_COUNTED_STEPS || (n_counted < MAX_COUNTED_STEPS && started.elapsed() < WARM_UP) {
-        estimate = channel.step(&estimate, output(n_counted), &INPUT, STEP_S);
-        n_open += usize::from(channel.law.output_error().norm() > DEAD_ZONE_WIDTH);
+        channel.step(output(n_counted), &INPUT, STEP_S);
+        n_open += usize::from(channel.law().held().output_error.norm() > DEAD_ZONE_WIDTH);
         n_counted += 1;
     }
 
@@ -128,7 +129,9 @@ pub(super) fn measure(
     let our_batch_ns = (budget / (2 * ROUNDS as u32)).as_nanos() as u64;
     let max_batch = n_samples.div_ceil(ROUNDS);
     let mut ours = Contestant::warmed_up(
-        |i| estimate = channel.step(black_box(&estimate), output(i), black_box(&INPUT), STEP_S),
+        |i| {
+            channel.step(output(i), black_box(&INPUT), STEP_S);
+        },
         our_batch_ns,
         max_batch,
     );
@@ -139,11 +142,9 @@ pub(super) fn measure(
         Contestant::warmed_up(step, BATCH_NS, max_batch)
     });
     let mut kalman_turns = Contestant::warmed_up(|i| kalman.step(output(i)), BATCH_NS, max_batch);
-    let mut yardstick_estimate = Vector3::zeros();
     let mut yardstick = dense_27.as_mut().map(|channel| {
         let step = |i| {
-            yardstick_estimate =
-                channel.step(black_box(&yardstick_estimate), output(i), black_box(&INPUT), STEP_S);
+            channel.step(output(i), black_box(&INPUT), STEP_S);
         };
         Contestant::warmed_up(step, BATCH_NS, max_batch)
     });

@@ -1,7 +1,7 @@
 //! What is measured: a channel with a solver and a number of centers.
 
 use super::channel;
-use observer::{Channel, SolverInUse};
+use observer::{BodyChannel, SolverInUse};
 use std::fmt::{self, Display, Formatter};
 use std::time::Instant;
 
@@ -47,7 +47,7 @@ pub(super) struct Subject {
     pub(super) set_up_s: f64,
     /// RMS of the solver's error over that of f̂, for random updates; `None` where it is exact.
     pub(super) predicted_error: Option<f64>,
-    pub(super) channel: Channel,
+    pub(super) channel: BodyChannel,
 }
 
 impl Subject {
@@ -62,16 +62,16 @@ impl Subject {
         let edge = (n_centers as f64).cbrt().round() as usize;
         let design = channel::local_design(edge, block)?;
         let started = Instant::now();
-        let channel = Channel::new(&design)?;
+        let channel = BodyChannel::new(&design)?;
         let set_up_s = started.elapsed().as_secs_f64();
-        let SolverInUse::Local { predicted_error, .. } = channel.law.solver() else {
+        let SolverInUse::Local { predicted_error, .. } = channel.law().function().solver() else {
             anyhow::bail!("a lattice of {edge}³ centers is not solved locally");
         };
         Ok(Self {
             solver: Solver::Local(block),
             n_centers,
             centers: format!("lattice {edge}³"),
-            bytes: channel.law.bytes_of_step(),
+            bytes: channel.law().function().bytes_of_step(),
             set_up_s,
             predicted_error: Some(predicted_error),
             channel,
@@ -82,9 +82,9 @@ impl Subject {
         let (lattice, centers) = channel::centers(n_centers)?;
         let design = channel::design(lattice)?;
         let started = Instant::now();
-        let channel = Channel::new(&design)?;
+        let channel = BodyChannel::new(&design)?;
         let set_up_s = started.elapsed().as_secs_f64();
-        let bytes = channel.law.bytes_of_step();
+        let bytes = channel.law().function().bytes_of_step();
         let (solver, predicted_error) = (Solver::Dense, None);
         Ok(Self { solver, n_centers, centers, bytes, set_up_s, predicted_error, channel })
     }

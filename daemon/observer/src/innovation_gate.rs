@@ -1,36 +1,36 @@
-//! Which outputs are believed: one whose error stands out against the errors before it is a spike of the sensor
-//! sooner than a jump of the vehicle.
+//! Which outputs are accepted: one whose innovation ỹ is far larger than those before it is an outlier of the sensor
+//! rather than a jump of the vehicle.
 //!
 //! ```text
-//! ỹ stands out  ⇔  ‖ỹ‖ > c (d + s),      s ← s + a (‖ỹ‖ − s) for each ỹ that is believed,  a = 1/20
+//! ỹ is an outlier  ⇔  ‖ỹ‖ > c (d + s),      s ← s + a (‖ỹ‖ − s) for each ỹ that is accepted,  a = 1/20
 //! ```
 //!
-//! with the dead zone's width d and the running scale s. What a vehicle does lasts, an impact or a gust included, and one
-//! error is like the next; spikes differ. So the third output in a row that stands out is believed if these three agree,
-//! each with the one before to 60 %: an error that grows in equal steps, as a constant force makes it, does. Whatever
-//! they say, no sensor is doubted for longer than 10 holds or 4 of its own periods. The first 10 outputs are believed, and the first
-//! one after a silence.
+//! with the dead zone's width d and the running scale s. A motion of the vehicle, an impact or a gust included, lasts,
+//! and its innovations resemble each other; outliers differ. Hence the third large innovation in a row is accepted if
+//! the three agree, each with the one before to 60 %. An innovation that grows in equal steps, as a constant force makes
+//! it, does. A sensor is never rejected for longer than 10 holds or 4 of its own periods. The first 10 outputs are
+//! accepted, and so is the first one after a silence.
 
 use nalgebra::SVector;
 use serde::{Deserialize, Serialize};
 
-/// a: the scale follows the last twenty errors.
+/// a: the scale follows the last twenty innovations.
 const FORGETTING: f64 = 0.05;
-/// So many outputs make the first scale.
-const FIRST_OUTPUTS: u32 = 10;
-/// So many in a row that stand out and agree are no spikes.
-const AGREEING_OUTPUTS: u32 = 3;
-/// Two errors agree if they differ by no more than this part of the larger one.
+/// The first scale is the largest of this many innovations.
+const N_FIRST_OUTPUTS: u32 = 10;
+/// This many large innovations in a row that agree are a motion.
+const N_AGREEING_OUTPUTS: u32 = 3;
+/// Two innovations agree if they differ by no more than this part of the larger one.
 const AGREEMENT: f64 = 0.6;
-/// After so many holds, and so many of the sensor's periods, without a believed output the next one is believed.
-const HOLDS_OF_DOUBT: u64 = 10;
-const PERIODS_OF_DOUBT: u64 = 4;
+/// After this many holds and this many of the sensor's periods without an accepted output, the next one is accepted.
+const MAX_HOLDS_REJECTED: u64 = 10;
+const MAX_PERIODS_REJECTED: u64 = 4;
 
-/// What happens to an output that is not believed.
+/// What happens to an outlier.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum Doubt {
-    /// Nothing: every output is believed, as in the paper.
+pub enum OutlierAction {
+    /// Nothing: every output is accepted, as in the paper.
     #[default]
     Off,
     /// It corrects the state, but nothing is learned from it.
@@ -39,63 +39,64 @@ pub enum Doubt {
     Correction,
 }
 
-/// How outputs are judged.
+/// How innovations are judged.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
-pub struct Plausibility {
-    /// What happens to those that stand out.
-    pub outliers: Doubt,
-    /// c: they stand out by more than this factor.
+pub struct InnovationGate {
+    /// What happens to outliers.
+    pub outliers: OutlierAction,
+    /// c.
     pub factor: f64,
 }
 
-/// The running scale, until when it is relied on, and what was doubted last.
+/// The running scale, how long it is valid, and the newest outlier.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-pub(crate) struct ErrorScale<const M: usize> {
+pub(crate) struct InnovationScale<const M: usize> {
     scale: f64,
-    n_believed: u32,
-    /// Stamps of the newest output and of the newest believed one (ns).
+    n_accepted: u32,
+    /// Stamps of the newest output and of the newest accepted one (ns).
     newest_ns: u64,
-    believed_ns: u64,
+    accepted_ns: u64,
     /// Between the newest two outputs (ns).
     period_ns: u64,
-    doubted: SVector<f64, M>,
+    outlier: SVector<f64, M>,
     n_agreeing: u32,
 }
 
-impl<const M: usize> ErrorScale<M> {
+impl<const M: usize> InnovationScale<M> {
     pub(crate) fn unknown() -> Self {
         Self {
             scale: 0.0,
-            n_believed: 0,
+            n_accepted: 0,
             newest_ns: 0,
-            believed_ns: 0,
+            accepted_ns: 0,
             period_ns: 0,
-            doubted: SVector::zeros(),
+            outlier: SVector::zeros(),
             n_agreeing: 0,
         }
     }
 
-    /// Whether an output with this ỹ stands out and is no more than a spike; if not, the scale follows it.
-    pub(crate) fn stands_out(
+    /// Whether an output with this ỹ is an outlier; if not, the scale follows it.
+    pub(crate) fn is_outlier(
         &mut self,
-        error: &SVector<f64, M>,
+        output_error: &SVector<f64, M>,
         stamp_ns: u64,
         (factor, width, hold_ns): (f64, f64, u64),
     ) -> bool {
-        let patience_ns =
-            hold_ns.saturating_mul(HOLDS_OF_DOUBT).max(self.period_ns.saturating_mul(PERIODS_OF_DOUBT));
-        let is_silent = stamp_ns.saturating_sub(self.believed_ns) >= patience_ns;
+        let max_rejected_ns = hold_ns
+            .saturating_mul(MAX_HOLDS_REJECTED)
+            .max(self.period_ns.saturating_mul(MAX_PERIODS_REJECTED));
+        let is_silent = stamp_ns.saturating_sub(self.accepted_ns) >= max_rejected_ns;
         self.period_ns = if self.newest_ns > 0 { stamp_ns.saturating_sub(self.newest_ns) } else { 0 };
         self.newest_ns = stamp_ns;
 
-        let size = error.norm();
-        let is_first = self.n_believed < FIRST_OUTPUTS;
+        let size = output_error.norm();
+        let is_first = self.n_accepted < N_FIRST_OUTPUTS;
         if !is_first && !is_silent && size > factor * (width + self.scale) {
-            let largest = size.max(self.doubted.norm());
-            let agrees = self.n_agreeing > 0 && (error - self.doubted).norm() <= AGREEMENT * largest;
+            let largest = size.max(self.outlier.norm());
+            let agrees = self.n_agreeing > 0 && (output_error - self.outlier).norm() <= AGREEMENT * largest;
             self.n_agreeing = if agrees { self.n_agreeing + 1 } else { 1 };
-            self.doubted = *error;
-            if self.n_agreeing < AGREEING_OUTPUTS {
+            self.outlier = *output_error;
+            if self.n_agreeing < N_AGREEING_OUTPUTS {
                 return true;
             }
             self.scale = size;
@@ -107,8 +108,8 @@ impl<const M: usize> ErrorScale<M> {
             self.scale += FORGETTING * (size - self.scale);
         }
         self.n_agreeing = 0;
-        self.n_believed = self.n_believed.saturating_add(1);
-        self.believed_ns = stamp_ns;
+        self.n_accepted = self.n_accepted.saturating_add(1);
+        self.accepted_ns = stamp_ns;
         false
     }
 }
@@ -121,16 +122,16 @@ mod tests {
     const PERIOD_NS: u64 = 5_000_000;
     const RULE: (f64, f64, u64) = (8.0, 0.01, 7_500_000);
 
-    /// Which of these errors, one each period, stand out; every other one points the other way where they are spikes.
+    /// Which of these errors, one each period, are outliers.
     fn judged(period_ns: u64, errors: impl IntoIterator<Item = f64>) -> Vec<usize> {
-        let mut scale = ErrorScale::unknown();
+        let mut scale = InnovationScale::unknown();
         let errors = errors.into_iter().zip(1..);
-        let out = errors.map(|(e, j)| scale.stands_out(&Vector2::new(e, 0.0), j * period_ns, RULE));
+        let out = errors.map(|(e, j)| scale.is_outlier(&Vector2::new(e, 0.0), j * period_ns, RULE));
         out.enumerate().filter(|(_, out)| *out).map(|(j, _)| j).collect()
     }
 
     #[test]
-    fn a_spike_stands_out_and_what_follows_does_not() {
+    fn a_spike_is_an_outlier_and_what_follows_is_not() {
         assert_eq!(judged(PERIOD_NS, (0..100).map(|j| if j == 60 { 2.0 } else { 0.01 })), [60]);
         // Pairs agree or not: two in a row are not enough.
         let pairs = (0..100).map(|j| if j % 10 < 2 && j >= 40 { 2.0 } else { 0.01 });
@@ -140,9 +141,9 @@ mod tests {
         assert_eq!(judged(PERIOD_NS, to_both), [60, 61, 62, 63, 64]);
     }
 
-    /// At 200 Hz and at 10 Hz, of which nobody was told.
+    /// At 200 Hz and at 10 Hz; the gate is told of neither.
     #[test]
-    fn what_lasts_is_believed_at_the_third_output() {
+    fn what_lasts_is_accepted_at_the_third_output() {
         for period_ns in [PERIOD_NS, 100_000_000] {
             assert_eq!(judged(period_ns, (0..200).map(|j| if j < 50 { 0.01 } else { 2.0 })), [50, 51]);
         }
@@ -151,13 +152,13 @@ mod tests {
     #[test]
     fn spikes_to_all_sides_close_the_gate_for_ten_holds_at_most() {
         let spikes = (0..100).map(|j| if j < 50 { 0.01 } else { 2.0 * (-1.0_f64).powi(j) });
-        // Fifteen periods of 5 ms are ten holds of 7.5 ms, counted from the last one believed.
+        // Fifteen periods of 5 ms are ten holds of 7.5 ms, counted from the last one accepted.
         assert_eq!(judged(PERIOD_NS, spikes)[..14], (50..64).collect::<Vec<_>>());
     }
 
-    /// An acceleration that nobody knew of, from rest and out of rest, at the rate of a gyroscope and of a Doppler log.
+    /// An unknown acceleration, from rest and out of rest, at the rate of a gyroscope and of a Doppler log.
     #[test]
-    fn an_error_that_grows_as_a_force_lets_it_is_believed() {
+    fn an_error_that_grows_as_a_force_lets_it_is_accepted() {
         for (period_s, acceleration, gain_per_s) in
             [(0.005, 10.0, 20.0), (0.005, 100.0, 20.0), (0.1, 1.0, 4.0)]
         {
@@ -173,16 +174,16 @@ mod tests {
     #[test]
     fn the_first_outputs_make_the_scale_however_narrow_the_dead_zone() {
         let rule = (8.0, 1e-9, 7_500_000);
-        let mut scale = ErrorScale::unknown();
+        let mut scale = InnovationScale::unknown();
         let errors = (1..200).map(|j| (j, 0.02 + 0.01 * (j as f64).sin()));
-        let out = errors.filter(|(j, e)| scale.stands_out(&Vector2::new(*e, 0.0), j * PERIOD_NS, rule));
+        let out = errors.filter(|(j, e)| scale.is_outlier(&Vector2::new(*e, 0.0), j * PERIOD_NS, rule));
         assert_eq!(out.count(), 0);
     }
 
     #[test]
-    fn after_a_silence_the_first_output_is_believed_and_sets_the_scale() {
-        let mut scale = ErrorScale::unknown();
-        let mut out = |e: f64, ns: u64| scale.stands_out(&Vector2::new(e, 0.0), ns, RULE);
+    fn after_a_silence_the_first_output_is_accepted_and_sets_the_scale() {
+        let mut scale = InnovationScale::unknown();
+        let mut out = |e: f64, ns: u64| scale.is_outlier(&Vector2::new(e, 0.0), ns, RULE);
         (1..100).for_each(|j| assert!(!out(0.01, j * PERIOD_NS)));
         let after = 100 * PERIOD_NS + 500_000_000;
         assert!(!out(1.0, after));

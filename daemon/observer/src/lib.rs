@@ -1,6 +1,6 @@
 //! Adaptive state observation in a vector-valued native space (RKHS): the mathematics only.
 //!
-//! The observer follows a vehicle's measured velocities, learns the force and torque that nobody
+//! The observer follows a vehicle's measured velocities, learns the force and torque that are not
 //! modelled (drag, current, wind, a shifted load) as functions of the motion, and coasts on what it
 //! learned when a sensor falls silent:
 //!
@@ -12,12 +12,12 @@
 //! |---|---|
 //! | [`RigidBodyObserver`] | position, velocity, attitude, angular velocity and both unknown wrenches of a vehicle |
 //! | [`LinearObserver`] | any linear plant of your own A, B and C |
-//! | [`Channel`], [`Law`] | the law itself, to put the paper beside; [`LearnedFunction`] is f̂ |
+//! | [`Channel`], [`GradientLaw`] | the law itself, to put the paper beside; [`LearnedFunction`] is f̂ |
 //! | [`Kernel`], [`Centers`], [`NativeSpace`] | the native space that f̂ is taken from |
-//! | [`DeadZone`], [`Plausibility`] | which errors are learned from, and which are believed |
+//! | [`DeadZone`], [`InnovationGate`] | which errors are learned from, and which outputs are accepted |
 //! | [`DesignReport`], [`Certificate`], [`stability`] | what is proven for a design |
 //!
-//! What it does for a multicopter in wind with a load that nobody told it of:
+//! What it does for a multicopter in wind with an unknown load:
 #![cfg_attr(doc, doc = concat!("<div style=\"overflow-x:auto\">\n", include_str!("../../../docs/demo.svg"), "</div>\n"))]
 //!
 //! There is no clock, no file and no shared memory here, and no allocation after construction: time comes
@@ -49,7 +49,7 @@
 //! };
 //! let mut observer = RigidBodyObserver::new(Some(translation), None, InitialState::default())?;
 //!
-//! // A body of 4 kg pushed with 2 N along x, against a drag of 0.5 N s/m that the observer is not told of.
+//! // A body of 4 kg pushed with 2 N along x, against a drag of 0.5 N s/m that the observer does not know.
 //! let (mut v, h) = (0.0, 0.005);
 //! for j in 0..4000_u64 {
 //!     observer.accept(&Sample {
@@ -57,7 +57,7 @@
 //!         velocity: Some(Velocity::Inertial(Vector3::new(v, 0.0, 0.0))),
 //!         force_n: Some(Vector3::new(2.0, 0.0, 0.0)),
 //!         ..Sample::default()
-//!     });
+//!     }, Learn::ALL);
 //!     v += h * (2.0 - 0.5 * v) / 4.0;
 //! }
 //! let estimate = observer.estimate(3999 * 5_000_000);
@@ -65,9 +65,13 @@
 //! # Ok::<(), DesignError>(())
 //! ```
 
+mod channels;
+mod design;
+mod error;
 mod function;
 mod innovation_gate;
 mod law;
+mod linear_design;
 mod linear_observer;
 mod plant;
 mod report;
@@ -75,92 +79,31 @@ mod rigid_body;
 mod space;
 mod timeline;
 
-pub use function::learned::{Evaluation, LearnedFunction};
+pub use channels::{AnyChannel, ChannelName, ChannelState, Learn};
+pub use design::{ChannelDesign, DisturbanceBounds, GyroscopicTorque, RotationDesign, TranslationDesign};
+pub use error::{DesignError, Parameter};
+pub use function::evaluation::Evaluation;
+pub use function::learned::LearnedFunction;
 pub use function::solver::{DENSE_UP_TO, LocalSolver, Solver, SolverInUse};
-pub use innovation_gate::{Doubt, Plausibility};
-pub use law::channel::{Channel, ChannelDesign, DisturbanceBounds, Integrator, Segment};
+pub use innovation_gate::{InnovationGate, OutlierAction};
+pub use law::channel::{Ahead, BodyChannel, Channel};
 pub use law::dead_zone::{DeadZone, DeadZoneShape};
-pub use law::gradient::{Law, Learning};
+pub use law::gradient::{GradientLaw, HeldOutput, Learning};
 pub use law::stability;
-pub use linear_observer::{
-    LinearDesign, LinearEstimate, LinearObserver, LinearObserverState, LinearOutput, LinearState,
-    MAX_OUTPUTS, MAX_STATES,
-};
+pub use linear_design::LinearDesign;
+pub use linear_observer::{LinearEstimate, LinearObserver};
+pub use plant::body::{Body, BodyState};
+pub use plant::integrator::{Integrator, Segment};
+pub use plant::linear::{LinearOutput, LinearState, MAX_OUTPUTS, MAX_STATES};
+pub use plant::nominal::{Moment, Plant};
 pub use report::box_search::Supremum;
 pub use report::certificate::Certificate;
 pub use report::design_report::{DesignReport, Finding, LengthScaleEffect, Verdict, length_scale_effect};
-pub use report::linear_algebra::LurePair;
-pub use rigid_body::{
-    GyroscopicTorque, InitialState, RigidBodyEstimate, RigidBodyObserver, RigidBodyState, RotationDesign,
-    Sample, TranslationDesign, Velocity,
-};
+pub use report::lure_pair::LurePair;
+pub use rigid_body::{InitialState, RigidBodyEstimate, RigidBodyObserver, Sample, Velocity};
 pub use space::centers::{Centers, LatticeBox};
 pub use space::factors::lanes::vector_unit;
 pub use space::kernel::{Kernel, RadialFunction};
-pub use space::native_space::{FeatureBuffers, LengthScale, NativeSpace, ScaledKernel};
+pub use space::native_space::{FeatureBuffers, NativeSpace};
+pub use space::scaled_kernel::{LengthScale, ScaledKernel};
 pub use timeline::ChannelReport;
-
-/// The parameter of a design that cannot be used.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Parameter {
-    /// `kernel`.
-    Kernel,
-    /// `length_scale`.
-    LengthScale,
-    /// `nugget`.
-    Nugget,
-    /// `solver`.
-    Solver,
-    /// `centers`.
-    Centers,
-    /// `gain_per_s`.
-    Gain,
-    /// `adaptation_rate`.
-    AdaptationRate,
-    /// `inertia`.
-    Inertia,
-    /// The dead zone's width.
-    DeadZoneWidth,
-    /// The dead zone's buffer.
-    DeadZoneBuffer,
-    /// The bound on the measurement error.
-    NoiseBound,
-    /// The bound on the unmatched disturbance.
-    UnmatchedBound,
-    /// The bound on the part of f that the centers cannot represent.
-    ResidualNorm,
-    /// `hold_s`.
-    Hold,
-    /// `coast_step_s`.
-    CoastStep,
-    /// Gain or hold of a position or attitude fix, or the velocity error's way into the position.
-    Fix,
-    /// No channel was asked for.
-    Channels,
-    /// A of a linear plant.
-    Plant,
-    /// B of a linear plant.
-    PlantInput,
-    /// C of a linear plant.
-    PlantOutput,
-    /// x̂(0) of a linear plant.
-    InitialState,
-}
-
-/// Why a design cannot be used: what was found, and what would be accepted.
-#[derive(Debug, Clone, PartialEq, thiserror::Error)]
-#[error("{parameter:?}: found {found}; needed: {needed}")]
-pub struct DesignError {
-    /// Which parameter.
-    pub parameter: Parameter,
-    /// What it is.
-    pub found: String,
-    /// What would be accepted.
-    pub needed: String,
-}
-
-impl DesignError {
-    pub(crate) fn new(parameter: Parameter, found: String, needed: impl Into<String>) -> Self {
-        Self { parameter, found, needed: needed.into() }
-    }
-}

@@ -405,23 +405,23 @@ fn show_snapshot(file: &Path, json: bool) -> anyhow::Result<()> {
     fact("instance", snapshot.instance);
     fact("made", format!("{made} s ago, by version {}", snapshot.program_version));
     fact("samples used", snapshot.samples_accepted.to_string());
-    let learned = &snapshot.kept.learned;
+    let learned = &snapshot.checkpoint.learned;
     let nonzero = learned.iter().filter(|number| **number != 0.0).count();
     fact("learned", format!("{} numbers, {nonzero} of them not zero", learned.len()));
-    let state = snapshot.kept.state.map(|state| state.estimator);
+    let states = snapshot.checkpoint.state.map(|state| state.estimator.channels);
     let numbers = |values: &[f64]| values.iter().map(|x| format!("{x:.4}")).collect::<Vec<_>>().join(" ");
-    if let Some(body) = state.and_then(|state| state.rigid_body) {
-        if let Some((position, velocity)) = body.position_and_velocity() {
+    for state in states.iter().flatten().flatten() {
+        if let Some((position, velocity)) = state.position_and_velocity() {
             fact("position (m)", numbers(position.as_slice()));
             fact("velocity (m/s)", numbers(velocity.as_slice()));
         }
-        if let Some((attitude, angular_velocity)) = body.attitude_and_angular_velocity() {
+        if let Some((attitude, angular_velocity)) = state.attitude_and_angular_velocity() {
             fact("attitude wxyz", numbers(&[attitude.w, attitude.i, attitude.j, attitude.k]));
             fact("angular velocity (rad/s)", numbers(angular_velocity.as_slice()));
         }
-    }
-    if let Some(linear) = state.and_then(|state| state.linear) {
-        fact("state", numbers(linear.state().as_slice()));
+        if let Some(state) = state.linear_state() {
+            fact("state", numbers(state.as_slice()));
+        }
     }
     for (key, value) in snapshot.meaning {
         fact(&key, value);

@@ -6,9 +6,9 @@
 use crate::estimator::Estimator;
 use nalgebra::{Matrix3, Quaternion, UnitQuaternion, Vector3};
 use observer::{
-    Centers, ChannelDesign, DeadZone, DeadZoneShape, DesignError, DisturbanceBounds, Doubt, GyroscopicTorque,
-    InitialState, Kernel, LengthScale, LinearDesign, LinearObserver, LocalSolver, Parameter, Plausibility,
-    RigidBodyObserver, RotationDesign, Solver, TranslationDesign,
+    Centers, ChannelDesign, DeadZone, DeadZoneShape, DesignError, DisturbanceBounds, GyroscopicTorque,
+    InitialState, InnovationGate, Kernel, LengthScale, LinearDesign, LinearObserver, LocalSolver,
+    OutlierAction, Parameter, RigidBodyObserver, RotationDesign, Solver, TranslationDesign,
 };
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -259,8 +259,8 @@ pub struct InputConfig {
     ///
     /// "off" is the paper's observer. With "correction" a spike does not reach the estimate, and a real jump
     /// does a few samples later.
-    #[schemars(with = "words::Doubt")]
-    pub outliers: Doubt,
+    #[schemars(with = "words::OutlierAction")]
+    pub outliers: OutlierAction,
     /// It stands out if its error is this many times the dead zone's width plus the running scale of the
     /// errors.
     ///
@@ -272,8 +272,8 @@ pub struct InputConfig {
     ///
     /// "off" for sensors that are quantised so coarsely, or simulated so cleanly, that they repeat themselves
     /// in truth.
-    #[schemars(with = "words::Doubt")]
-    pub stuck: Doubt,
+    #[schemars(with = "words::OutlierAction")]
+    pub stuck: OutlierAction,
     /// Repetitions of one value after which a sensor is stuck; 0 is never.
     pub stuck_after_samples: u64,
 }
@@ -339,9 +339,9 @@ impl Default for InputConfig {
             max_age_s: 0.5,
             source: SourcePolicy::First,
             takeover_after_s: 0.2,
-            outliers: Doubt::Correction,
+            outliers: OutlierAction::Correction,
             outlier_factor: 8.0,
-            stuck: Doubt::Adaptation,
+            stuck: OutlierAction::Adaptation,
             stuck_after_samples: 50,
         }
     }
@@ -899,7 +899,7 @@ impl ConfigFile {
         };
         let mut estimator = Estimator { rigid_body, linear };
         let InputConfig { outliers, outlier_factor: factor, .. } = config.input;
-        estimator.set_plausibility(Plausibility { outliers, factor });
+        estimator.set_innovation_gate(InnovationGate { outliers, factor });
         Ok(estimator)
     }
 
@@ -955,16 +955,6 @@ impl ConfigFile {
     pub fn linear_design(&self) -> Result<Option<LinearDesign>, ConfigError> {
         let design = self.config.linear.as_ref().map(|l| l.design(self.config.rate_hz)).transpose();
         design.map_err(|error| self.refuse("linear", &error))
-    }
-
-    /// As [`ConfigFile::observer`], without learning: what the estimate would be if nothing were learned.
-    ///
-    /// # Errors
-    /// As [`ConfigFile::observer`].
-    pub fn observer_without_adaptation(&self) -> Result<RigidBodyObserver, ConfigError> {
-        let mut observer = self.observer()?;
-        observer.set_frozen(true);
-        Ok(observer)
     }
 
     /// What the configuration is called in messages: its file, or its preset.

@@ -2,10 +2,10 @@
 
 use schemars::JsonSchema;
 
-/// What happens to an output that is not believed; stands for [`observer::Doubt`] in the schema.
+/// What happens to an output that is not accepted; stands for [`observer::OutlierAction`] in the schema.
 #[derive(JsonSchema)]
 #[schemars(rename_all = "kebab-case")]
-pub(super) enum Doubt {
+pub(super) enum OutlierAction {
     /// It is believed, as in the paper.
     Off,
     /// It corrects the state, but nothing is learned from it.
@@ -16,10 +16,10 @@ pub(super) enum Doubt {
 
 /// One that is new there must be added here.
 #[allow(dead_code)]
-fn all_are_here(doubt: observer::Doubt) -> Doubt {
-    match doubt {
-        observer::Doubt::Off => Doubt::Off,
-        observer::Doubt::Adaptation => Doubt::Adaptation,
-        observer::Doubt::Correction => Doubt::Correction,
+fn all_are_here(action: observer::OutlierAction) -> OutlierAction {
+    match action {
+        observer::OutlierAction::Off => OutlierAction::Off,
+        observer::OutlierAction::Adaptation => OutlierAction::Adaptation,
+        observer::OutlierAction::Correction => OutlierAction::Correction,
     }
 }

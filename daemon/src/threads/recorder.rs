@@ -8,7 +8,7 @@
 //! format is the crate [`flight_record`].
 
 use crate::config::Config;
-use crate::engine::Kept;
+use crate::engine::Checkpoint;
 use crate::log::say;
 use flight_record::{Entry, Session, Writer};
 use std::io;
@@ -25,14 +25,14 @@ const POLL_EVERY: Duration = Duration::from_millis(5);
 /// A kill costs this much of the record at most.
 const FLUSH_EVERY: Duration = Duration::from_millis(100);
 
-/// The session of a service with this configuration that was resumed from `kept`.
-pub fn session(config: &Config, instance: &str, kept: Option<&Kept>) -> Session {
+/// The session of a service with this configuration that went on from `checkpoint`.
+pub fn session(config: &Config, instance: &str, checkpoint: Option<&Checkpoint>) -> Session {
     Session {
         program_version: env!("CARGO_PKG_VERSION").into(),
         instance: instance.into(),
         config: toml::to_string(config).expect("a configuration is a TOML document"),
         vector_unit: observer::vector_unit().into(),
-        checkpoint: kept.map(|kept| postcard::to_allocvec(kept).expect("numbers")),
+        checkpoint: checkpoint.map(|checkpoint| postcard::to_allocvec(checkpoint).expect("numbers")),
     }
 }
 

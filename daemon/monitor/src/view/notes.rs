@@ -180,7 +180,6 @@ fn of_the_start(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use shared_types::payload::Counters;
     use crate::link::News;
     use shared_types::{Counters, Estimate};
 

@@ -5,8 +5,7 @@
 //! points inside of the outermost layer, the *core*, come first: the first entries of R⁻¹u are those of the smaller
 //! box, the last ones say what the outermost layer adds.
 
-use crate::DesignError;
-use crate::Parameter;
+use crate::error::{DesignError, Parameter};
 use crate::space::factors::lanes::{VectorLoop, VectorUnit, whole_lanes};
 use crate::space::factors::mirror::{MirrorImages, sums_and_differences};
 use crate::space::factors::packed::{PackedFactor, four_products};
@@ -248,7 +247,7 @@ impl VectorLoop for Evaluate<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::Kernel;
+    use crate::space::kernel::Kernel;
     use nalgebra::DVector;
 
     /// kᵀK⁻¹k and kᵀK⁻¹β against nalgebra's LU of the whole matrix, for even and odd, flat and thin blocks.

@@ -7,10 +7,10 @@
 //!
 //! with `in` = h σ Γ_f ỹ, what the law learns from an output that was held for h.
 
-use crate::NativeSpace;
-use crate::function::learned::Evaluation;
+use crate::function::checkpoint::Learned;
+use crate::function::evaluation::Evaluation;
 use crate::space::factors::lanes::{VectorLoop, dot};
-use crate::space::native_space::FeatureBuffers;
+use crate::space::native_space::{FeatureBuffers, NativeSpace};
 use nalgebra::SVector;
 use pulp::Simd;
 
@@ -18,9 +18,9 @@ use pulp::Simd;
 #[derive(Debug, Clone)]
 pub(crate) struct DenseFunction<const M: usize> {
     space: NativeSpace,
-    weights: [Vec<f64>; M],
-    native_norm: f64,
-    good: (Vec<Vec<f64>>, f64),
+    /// θ and ‖θ‖.
+    learned: Learned<M, 1>,
+    saved: Learned<M, 1>,
     at_output: FeatureBuffers,
     /// φᵀφ at the held output.
     squared_features: f64,
@@ -31,11 +31,9 @@ impl<const M: usize> DenseFunction<M> {
     /// Zero.
     pub(crate) fn zero(space: NativeSpace) -> Self {
         let (n, m) = (space.n_padded(), space.centers().dimension());
-        let weights: [Vec<f64>; M] = std::array::from_fn(|axis| vec![0.0; if axis < m { n } else { 0 }]);
         Self {
-            good: (weights[..m].to_vec(), 0.0),
-            weights,
-            native_norm: 0.0,
+            learned: Learned::zeros(m, n),
+            saved: Learned::zeros(m, n),
             at_output: FeatureBuffers::new(&space),
             squared_features: 0.0,
             at_query: FeatureBuffers::new(&space),
@@ -49,7 +47,7 @@ impl<const M: usize> DenseFunction<M> {
 
     pub(crate) fn held(&self) -> Evaluation<M> {
         let features = self.at_output.features();
-        let value = self.space.unit().run(Value { weights: &self.weights, features });
+        let value = self.space.unit().run(Value { weights: &self.learned.runs, features });
         Evaluation::exact(value, self.squared_features)
     }
 
@@ -60,70 +58,56 @@ impl<const M: usize> DenseFunction<M> {
             true => 0.0,
             false => unit.run(Dot { x: self.at_output.features(), y: features }),
         };
-        let value = unit.run(Value { weights: &self.weights, features });
+        let value = unit.run(Value { weights: &self.learned.runs, features });
         Evaluation::exact(value + pending_part * pending, squared_features)
     }
 
     pub(crate) fn learn(&mut self, increment: &SVector<f64, M>) {
         let features = self.at_output.features();
-        let update = Update { weights: &mut self.weights, features, increment };
-        self.native_norm = self.space.unit().run(update).sqrt();
+        let update = Update { weights: &mut self.learned.runs, features, increment };
+        self.learned.scalars[0] = self.space.unit().run(update).sqrt();
     }
 
     pub(crate) fn forget(&mut self) {
-        self.weights.iter_mut().for_each(|theta| theta.fill(0.0));
-        self.native_norm = 0.0;
+        self.learned.clear();
     }
 
-    pub(crate) fn keep_good_copy(&mut self) {
-        for (kept, theta) in self.good.0.iter_mut().zip(&self.weights) {
-            kept.copy_from_slice(theta);
-        }
-        self.good.1 = self.native_norm;
+    pub(crate) fn save(&mut self) {
+        self.saved.copy_from(&self.learned);
     }
 
-    pub(crate) fn restore_good_copy(&mut self) {
-        for (theta, kept) in self.weights.iter_mut().zip(&self.good.0) {
-            theta.copy_from_slice(kept);
-        }
-        self.native_norm = self.good.1;
+    pub(crate) fn restore(&mut self) {
+        self.learned.copy_from(&self.saved);
     }
 
-    pub(crate) fn good_runs(&self) -> impl Iterator<Item = &[f64]> {
-        self.good.0.iter().map(Vec::as_slice)
+    pub(crate) fn load(&mut self, numbers: &[f64]) {
+        self.saved.load(numbers);
+        self.restore();
     }
 
-    pub(crate) fn good_runs_mut(&mut self) -> impl Iterator<Item = &mut [f64]> {
-        self.good.0.iter_mut().map(Vec::as_mut_slice)
+    pub(crate) fn saved(&self) -> &Learned<M, 1> {
+        &self.saved
     }
 
-    pub(crate) fn good_scalars(&self) -> [f64; 1] {
-        [self.good.1]
-    }
-
-    pub(crate) fn set_good_scalars(&mut self, [native_norm]: [f64; 1]) {
-        self.good.1 = native_norm;
-    }
-
-    pub(crate) fn restore_whole_good_copy(&mut self) {
-        self.restore_good_copy();
+    pub(crate) fn bounding_box(&self) -> (&[f64], &[f64]) {
+        self.space.bounding_box()
     }
 
     /// θ, one run of whole lanes per output.
     pub(crate) fn weights(&self) -> &[Vec<f64>] {
-        &self.weights[..self.space.centers().dimension()]
+        &self.learned.runs[..self.space.centers().dimension()]
     }
 
     /// ‖f̂_N‖_H = ‖θ‖_F.
     pub(crate) fn native_norm(&self) -> f64 {
-        self.native_norm
+        self.learned.scalars[0]
     }
 
     pub(crate) fn space(&self) -> &NativeSpace {
         &self.space
     }
 
-    /// Bytes of the factor, the weights and their good copy.
+    /// Bytes of the factor, the weights and their checkpoint.
     pub(crate) fn bytes(&self) -> usize {
         self.space.bytes() + 16 * self.space.centers().dimension() * self.space.n_padded()
     }

@@ -33,25 +33,25 @@
 //! Fuselier, Hangelbroek, Narcowich, Ward (2013), *Localized bases for kernel spaces on the unit sphere*, for the decay.
 //! The scheme and its estimate are ours.
 
+use crate::error::{DesignError, Parameter};
 use crate::function::block::{BlockBuffers, BlockEvaluation, IMAGES, LatticeBlock};
-use crate::function::learned::Evaluation;
-use crate::function::solver::surroundings_norm;
+use crate::function::calibration::Calibration;
+use crate::function::checkpoint::Learned;
+use crate::function::evaluation::Evaluation;
+use crate::function::solver::{LocalSolver, surroundings_norm};
+use crate::space::centers::Centers;
 use crate::space::factors::lanes::{VectorLoop, VectorUnit, multiply_add, whole_lanes};
-use crate::space::kernel::RadialFunction;
-use crate::space::native_space::ScaledKernel;
-use crate::{Centers, DesignError, Kernel, LengthScale, LocalSolver, NativeSpace, Parameter};
+use crate::space::kernel::{Kernel, RadialFunction};
+use crate::space::native_space::NativeSpace;
+use crate::space::scaled_kernel::{LengthScale, ScaledKernel};
 use nalgebra::SVector;
 use pulp::Simd;
-use std::hint::black_box;
 
 /// Where the rows of the lattice end, what is beyond its last point lies this many length scales away: the kernel is 0
 /// there.
 const FAR: f64 = 1e150;
 /// Blocks that are tried for the accuracy that is asked for: larger ones are slow to set up.
 const BLOCKS_TO_TRY: [usize; 3] = [4, 6, 8];
-/// The larger block that stands for the lattice has so many more points on each side.
-const SURROUNDINGS: usize = 3;
-
 /// More than a block has points along an axis; a power of two.
 const INDICES: usize = 16;
 
@@ -90,18 +90,7 @@ impl Axis {
     }
 }
 
-/// What is learned: nodal values, row after row along the last axis.
-#[derive(Debug, Clone)]
-struct Learned {
-    /// β, one run per output.
-    nodal_values: [Vec<f64>; 3],
-    /// ‖f̂_N‖², by its recursion.
-    squared_norm: f64,
-    /// Σ|in|, which what a truncated kernel drops is in proportion to.
-    increments: f64,
-}
-
-/// A list with room for so many rows, which its clones have too.
+/// A list with room for a fixed number of rows, which its clones have too.
 #[derive(Debug, Clone)]
 struct Rows {
     rows: Vec<usize>,
@@ -132,9 +121,12 @@ impl Rows {
 pub(crate) struct LatticeFunction<const M: usize> {
     geometry: Geometry,
     n_outputs: usize,
-    learned: Learned,
-    good: Learned,
-    /// Rows that differ from their good copy, and a list of them.
+    /// β row after row along the last axis; ‖f̂_N‖², by its recursion, and Σ|in|, which what a truncated kernel drops is
+    /// in proportion to.
+    learned: Learned<M, 2>,
+    saved: Learned<M, 2>,
+    bounding_box: (Vec<f64>, Vec<f64>),
+    /// Rows that differ from the checkpoint, and a list of them.
     touched: Vec<bool>,
     touched_rows: Rows,
     /// The held output, in points.
@@ -224,16 +216,12 @@ impl<const M: usize> LatticeFunction<M> {
         let block_space = NativeSpace::new(kernel, length_scale, block_centers, nugget)?;
         let n_rows = axes[0].count * axes[1].count;
         let length = n_rows * geometry.row;
-        let zeros = || Learned {
-            nodal_values: std::array::from_fn(|axis| written_zeros(if axis < m { length } else { 0 })),
-            squared_norm: 0.0,
-            increments: 0.0,
-        };
         let buffers = BlockBuffers::new(&geometry.block);
         Ok(Self {
             n_outputs: m,
-            learned: zeros(),
-            good: zeros(),
+            learned: Learned::zeros(m, length),
+            saved: Learned::zeros(m, length),
+            bounding_box: centers.bounding_box(),
             touched: vec![false; n_rows],
             touched_rows: Rows::with_room_for(n_rows),
             held_at: [0.0; 3],
@@ -284,13 +272,12 @@ impl<const M: usize> LatticeFunction<M> {
         // ‖f̂ + Π_N 𝔎(·, y) in‖² = ‖f̂‖² + 2 ⟨f̂(y), in⟩ + (κ(0) − P_N²) |in|², with P_N² ≥ (1 − ρ²) P_c².
         let squared_power = self.geometry.value_at_zero - self.held.squared_features;
         let own = self.held.squared_features + self.geometry.error_ratio.powi(2) * squared_power.max(0.0);
-        let squared_norm =
-            self.learned.squared_norm + 2.0 * self.held.value.dot(increment) + own * size * size;
-        self.learned.squared_norm = squared_norm.max(0.0);
-        self.learned.increments += size;
+        let [squared_norm, increments] = &mut self.learned.scalars;
+        *squared_norm = (*squared_norm + 2.0 * self.held.value.dot(increment) + own * size * size).max(0.0);
+        *increments += size;
         self.geometry.unit.run(Learn {
             geometry: &self.geometry,
-            nodal_values: &mut self.learned.nodal_values[..self.n_outputs],
+            nodal_values: &mut self.learned.runs[..self.n_outputs],
             u: self.held_at,
             increment,
             touched: &mut self.touched,
@@ -304,42 +291,35 @@ impl<const M: usize> LatticeFunction<M> {
     /// # Cost
     /// All nodal values are written: milliseconds for a million centers.
     pub(crate) fn forget(&mut self) {
-        self.learned.nodal_values.iter_mut().for_each(|values| values.fill(0.0));
-        (self.learned.squared_norm, self.learned.increments) = (0.0, 0.0);
+        self.learned.clear();
         self.everything_touched();
     }
 
     /// # Cost
     /// A copy of the rows that were learned on since the last one.
-    pub(crate) fn keep_good_copy(&mut self) {
-        copy_rows(&self.learned, &mut self.good, self.touched_rows.listed(), self.geometry.row);
+    pub(crate) fn save(&mut self) {
+        self.saved.copy_rows_from(&self.learned, self.touched_rows.listed(), self.geometry.row);
         self.nothing_touched();
     }
 
-    pub(crate) fn restore_good_copy(&mut self) {
-        copy_rows(&self.good, &mut self.learned, self.touched_rows.listed(), self.geometry.row);
+    pub(crate) fn restore(&mut self) {
+        self.learned.copy_rows_from(&self.saved, self.touched_rows.listed(), self.geometry.row);
         self.nothing_touched();
     }
 
-    pub(crate) fn restore_whole_good_copy(&mut self) {
-        self.everything_touched();
-        self.restore_good_copy();
+    pub(crate) fn load(&mut self, numbers: &[f64]) {
+        self.saved.load(numbers);
+        self.learned.copy_from(&self.saved);
+        self.nothing_touched();
     }
 
-    pub(crate) fn good_runs(&self) -> impl Iterator<Item = &[f64]> {
-        self.good.nodal_values.iter().map(Vec::as_slice)
+    pub(crate) fn saved(&self) -> &Learned<M, 2> {
+        &self.saved
     }
 
-    pub(crate) fn good_runs_mut(&mut self) -> impl Iterator<Item = &mut [f64]> {
-        self.good.nodal_values.iter_mut().map(Vec::as_mut_slice)
-    }
-
-    pub(crate) fn good_scalars(&self) -> [f64; 2] {
-        [self.good.squared_norm, self.good.increments]
-    }
-
-    pub(crate) fn set_good_scalars(&mut self, [squared_norm, increments]: [f64; 2]) {
-        (self.good.squared_norm, self.good.increments) = (squared_norm, increments);
+    /// Of all centers.
+    pub(crate) fn bounding_box(&self) -> (&[f64], &[f64]) {
+        (&self.bounding_box.0, &self.bounding_box.1)
     }
 
     fn everything_touched(&mut self) {
@@ -357,7 +337,7 @@ impl<const M: usize> LatticeFunction<M> {
 
     /// ‖f̂_N‖_H by its recursion, in which f̂(y) is the local one.
     pub(crate) fn native_norm(&self) -> f64 {
-        self.learned.squared_norm.sqrt()
+        self.learned.scalars[0].sqrt()
     }
 
     /// H_c, the space of one block.
@@ -375,10 +355,9 @@ impl<const M: usize> LatticeFunction<M> {
         self.geometry.predicted_error
     }
 
-    /// Bytes of nodal values, of their good copy, and of what an evaluation reads beside them.
+    /// Bytes of nodal values, of their checkpoint, and of what an evaluation reads beside them.
     pub(crate) fn bytes(&self) -> usize {
-        let values: usize =
-            self.learned.nodal_values.iter().map(|values| size_of_val(values.as_slice())).sum();
+        let values: usize = self.learned.runs.iter().map(|values| size_of_val(values.as_slice())).sum();
         2 * values + self.geometry.block.bytes() + self.block_space.bytes()
     }
 
@@ -394,26 +373,6 @@ impl<const M: usize> LatticeFunction<M> {
             .product();
         geometry.block.bytes() + 8 * self.n_outputs * reached
     }
-}
-
-/// Zeros on pages that are really there: the first update of a row shall not wait for the kernel to map it.
-fn written_zeros(n: usize) -> Vec<f64> {
-    let mut zeros = vec![0.0; n];
-    for page in zeros.chunks_mut(256) {
-        page[0] = black_box(0.0);
-    }
-    zeros
-}
-
-fn copy_rows(from: &Learned, to: &mut Learned, rows: &[usize], length: usize) {
-    for (from, to) in from.nodal_values.iter().zip(&mut to.nodal_values).filter(|(from, _)| !from.is_empty())
-    {
-        for row in rows {
-            let place = row * length..(row + 1) * length;
-            to[place.clone()].copy_from_slice(&from[place]);
-        }
-    }
-    (to.squared_norm, to.increments) = (from.squared_norm, from.increments);
 }
 
 impl Geometry {
@@ -433,14 +392,14 @@ impl Geometry {
         let mut found = None;
         for &points in blocks {
             let counts = axes.map(|axis| points.min(axis.count));
-            let tried = Surroundings::of(counts, &axes, &kappa, nugget)?;
+            let tried = Calibration::of(counts, axes.map(|axis| (axis.count, axis.spacing)), &kappa, nugget)?;
             let is_accurate = tried.relative_error <= options.accuracy;
             found = Some(tried);
             if is_accurate {
                 break;
             }
         }
-        let Surroundings { block, error_ratio, relative_error, largest_weights } =
+        let Calibration { block, error_ratio, relative_error, largest_weights } =
             found.expect("there is a block to try");
         let row = whole_lanes(axes[2].count);
         let place = |point: &[u8; 3]| {
@@ -479,10 +438,11 @@ impl Geometry {
     fn evaluation<const M: usize>(
         &self,
         block: &BlockEvaluation,
-        learned: &Learned,
+        learned: &Learned<M, 2>,
         pending: f64,
     ) -> Evaluation<M> {
-        let norm = learned.squared_norm.sqrt() + self.value_at_zero.sqrt() * pending;
+        let [squared_norm, increments] = learned.scalars;
+        let norm = squared_norm.sqrt() + self.value_at_zero.sqrt() * pending;
         let surroundings = |layer: f64, norm: f64| surroundings_norm(self.dimension, layer, norm);
         // Beside a center the difference is rounding noise.
         let power = self.block.power_function(block.squared_features).max(1e-7 * self.value_at_zero.sqrt());
@@ -492,7 +452,7 @@ impl Geometry {
             value: SVector::from_fn(|axis, _| if axis < 3 { block.values[axis] } else { 0.0 }),
             squared_features: block.squared_features,
             error: functional * surroundings(block.squared_layer.sqrt(), norm)
-                + self.error_of_truncation * (learned.increments + pending),
+                + self.error_of_truncation * (increments + pending),
             error_of_increment: functional * of_increment,
         }
     }
@@ -533,7 +493,7 @@ impl Geometry {
 /// f̂ at u, as if `pending` had been learned at `held_at`.
 struct Evaluate<'a, const M: usize> {
     geometry: &'a Geometry,
-    learned: &'a Learned,
+    learned: &'a Learned<M, 2>,
     u: [f64; 3],
     held_at: [f64; 3],
     pending: &'a SVector<f64, M>,
@@ -550,9 +510,7 @@ impl<const M: usize> VectorLoop for Evaluate<'_, M> {
         let start: [usize; 3] =
             std::array::from_fn(|axis| geometry.axes[axis].block_start(u[axis], counts[axis]));
         let first = (start[0] * geometry.axes[1].count + start[1]) * geometry.row + start[2];
-        for (output, values) in
-            learned.nodal_values.iter().enumerate().filter(|(_, values)| !values.is_empty())
-        {
+        for (output, values) in learned.runs.iter().enumerate().filter(|(_, values)| !values.is_empty()) {
             let values = &values[first..];
             let (n_octets, padded) = (geometry.block.n_octets(), geometry.block.n_padded());
             let images = buffers.vector(output + 1).chunks_exact_mut(padded);
@@ -566,7 +524,7 @@ impl<const M: usize> VectorLoop for Evaluate<'_, M> {
             geometry.kernel_on_block::<S>(start, held_at, buffers);
             let length = buffers.vector(0).len();
             let (kernel, betas) = buffers.nodal.split_at_mut(length);
-            let outputs = learned.nodal_values.iter().filter(|values| !values.is_empty());
+            let outputs = learned.runs.iter().filter(|values| !values.is_empty());
             for ((betas, &increment), _) in betas.chunks_exact_mut(length).zip(pending).zip(outputs) {
                 // What fills up the lanes stays zero: it would grow with every evaluation.
                 let (n_octets, padded) = (geometry.block.n_octets(), geometry.block.n_padded());
@@ -652,7 +610,7 @@ impl<const M: usize> VectorLoop for Learn<'_, M> {
     }
 }
 
-/// Beyond so many length scales κ is 0, or below `truncation` κ(0).
+/// Beyond this many length scales κ is 0, or below `truncation` κ(0).
 fn reach(kappa: &RadialFunction, truncation: f64) -> f64 {
     let smallest = truncation * kappa.value_at_zero();
     let is_beyond = |r: f64| kappa.value(r) <= smallest;
@@ -668,255 +626,5 @@ fn reach(kappa: &RadialFunction, truncation: f64) -> f64 {
     far
 }
 
-/// A block, and how far it is from the whole lattice, by a larger block around it.
-struct Surroundings {
-    block: LatticeBlock,
-    /// ρ: [`SAFETY`] times the largest ‖q‖/P_c over the middle cell.
-    error_ratio: f64,
-    /// RMS of ⟨𝔎(·, z), q⟩ over that of Π_N 𝔎(y, z), y in the middle cell and z anywhere around it.
-    relative_error: f64,
-    /// The largest Σ_j |w_j| found, f̂(y) = Σ_j w_j β_j, in the block and up to 1.5 spacings outside.
-    largest_weights: f64,
-}
-
-impl Surroundings {
-    fn of(
-        counts: [usize; 3],
-        axes: &[Axis; 3],
-        kappa: &RadialFunction,
-        nugget: f64,
-    ) -> Result<Self, DesignError> {
-        let spacing = axes.map(|axis| axis.spacing);
-        let is_part: [bool; 3] = std::array::from_fn(|axis| counts[axis] < axes[axis].count);
-        let block = LatticeBlock::new(counts, is_part, spacing, kappa, nugget)?;
-        // k of u, which is in points from the block's point at `margin`.
-        let see_from = |block: &LatticeBlock, buffers: &mut BlockBuffers, u: [f64; 3], margin: [usize; 3]| {
-            for (k, point) in buffers.vector(0).iter_mut().zip(block.points()) {
-                let distance = |a: usize| (f64::from(point[a]) - margin[a] as f64 - u[a]) * spacing[a];
-                *k = kappa.value((0..3).map(|a| distance(a).powi(2)).sum::<f64>().sqrt());
-            }
-        };
-        let largest_weights = {
-            let mut buffers = BlockBuffers::new(&block);
-            let sum_of_weights = |u: [f64; 3]| -> f64 {
-                let n = IMAGES * block.n_padded();
-                // w_j is f̂(u) for β = 1 at one point and 0 elsewhere.
-                let weight = |j: usize, buffers: &mut BlockBuffers| {
-                    see_from(&block, buffers, u, [0; 3]);
-                    let point = block.points()[j];
-                    for (beta, other) in buffers.vector(1).iter_mut().zip(block.points()) {
-                        *beta = f64::from(u8::from(*other == point));
-                    }
-                    block.evaluate(buffers).values[0].abs()
-                };
-                (0..n).map(|j| weight(j, &mut buffers)).sum()
-            };
-            // In the block, and beyond its first corner.
-            let inside = |x: f64| std::array::from_fn(|axis| x * (counts[axis] - 1) as f64);
-            let outside = |x: f64| std::array::from_fn(|axis| if counts[axis] > 1 { -x } else { 0.0 });
-            let points = [inside(0.5), inside(0.4), inside(0.15), outside(0.5), outside(1.0), outside(1.5)];
-            points.into_iter().map(sum_of_weights).fold(0.0, f64::max)
-        };
-        if is_part == [false; 3] {
-            return Ok(Self { block, error_ratio: 0.0, relative_error: 0.0, largest_weights });
-        }
-        // Where the lattice ends sooner, a larger one is no worse.
-        let margin: [usize; 3] =
-            std::array::from_fn(|axis| (axes[axis].count - counts[axis]).div_ceil(2).min(SURROUNDINGS));
-        let larger = LatticeBlock::new(
-            std::array::from_fn(|axis| counts[axis] + 2 * margin[axis]),
-            [false; 3],
-            spacing,
-            kappa,
-            nugget,
-        )?;
-        let value_at_zero = kappa.value_at_zero();
-        let (mut in_block, mut in_larger) = (BlockBuffers::new(&block), BlockBuffers::new(&larger));
-        // φ at u, in points from the first one of the block.
-        let mut features = |u: [f64; 3]| {
-            let of = |block: &LatticeBlock, buffers: &mut BlockBuffers, margin: [usize; 3]| {
-                see_from(block, buffers, u, margin);
-                let squares = block.evaluate(buffers).squared_features;
-                (buffers.features().to_vec(), (value_at_zero - squares).max(0.0))
-            };
-            (of(&block, &mut in_block, [0; 3]), of(&larger, &mut in_larger, margin))
-        };
-        // Roberts' sequence: even cover of a cube.
-        let cube = |i: usize| -> [f64; 3] {
-            let ratio = 1.220_744_084_605_759_5_f64;
-            std::array::from_fn(|axis| (0.5 + i as f64 * ratio.powi(-(axis as i32 + 1))).fract())
-        };
-        let in_cell = |i: usize| -> [f64; 3] {
-            let at = cube(i);
-            std::array::from_fn(|axis| match (is_part[axis], counts[axis]) {
-                (true, c) => (c / 2 - 1) as f64 + at[axis],
-                (false, c) => (c - 1) as f64 * at[axis],
-            })
-        };
-        let around = |i: usize| -> [f64; 3] {
-            let at = cube(i);
-            std::array::from_fn(|axis| {
-                let margin = margin[axis] as f64;
-                (counts[axis] as f64 - 1.0 + 2.0 * margin) * at[axis] - margin
-            })
-        };
-        let outputs: Vec<_> = (0..CALIBRATION_OUTPUTS).map(|i| features(in_cell(i))).collect();
-        let learned: Vec<_> = (0..CALIBRATION_UPDATES).map(|i| features(around(i))).collect();
-        let dot = |x: &[f64], y: &[f64]| x.iter().zip(y).map(|(x, y)| x * y).sum::<f64>();
-        let (mut error_ratio, mut errors, mut values) = (0.0_f64, 0.0, 0.0);
-        for ((block, squared_power), (larger, smaller_power)) in &outputs {
-            // Beside a center both are rounding noise.
-            if *squared_power > 1e-9 * value_at_zero {
-                let ratio = (squared_power - smaller_power).max(0.0) / squared_power;
-                error_ratio = error_ratio.max(SAFETY * ratio.sqrt());
-            }
-            for ((block_there, _), (larger_there, _)) in &learned {
-                let value = dot(larger, larger_there);
-                values += value * value;
-                errors += (value - dot(block, block_there)).powi(2);
-            }
-        }
-        Ok(Self { block, error_ratio, relative_error: (errors / values).sqrt(), largest_weights })
-    }
-}
-
-/// Beyond an edge of the lattice ‖q‖/P_c was seen to be a sixth larger than in the middle cell, where it is sampled.
-const SAFETY: f64 = 1.25;
-/// Outputs and updates that the error is predicted from.
-const CALIBRATION_OUTPUTS: usize = 64;
-const CALIBRATION_UPDATES: usize = 192;
-
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::function::dense::DenseFunction;
-    use crate::function::learned::tests::Numbers;
-    use nalgebra::Vector3;
-
-    const MATERN: fn(usize) -> Kernel =
-        |dimension| Kernel::SobolevMatern { dimension, order: dimension.div_ceil(2) + 1 };
-
-    fn both(
-        kernel: Kernel,
-        length_scale: &LengthScale,
-        per_axis: &[usize],
-        options: LocalSolver,
-    ) -> (DenseFunction<3>, LatticeFunction<3>) {
-        let m = per_axis.len();
-        let centers = Centers::lattice(vec![-2.0; m], vec![2.0; m], per_axis).unwrap();
-        let space = NativeSpace::new(kernel, length_scale, centers.clone(), 0.0).unwrap();
-        let local = LatticeFunction::zero((kernel, length_scale), &centers, 0.0, &options).unwrap();
-        (DenseFunction::zero(space), local)
-    }
-
-    fn block_of(points: usize) -> LocalSolver {
-        LocalSolver { block: Some(points), ..LocalSolver::default() }
-    }
-
-    /// β after one update is k(y) in at every center, and f̂ at a center is its nodal value.
-    #[test]
-    fn an_update_is_exact_at_every_center() {
-        for (kernel, support) in [(Kernel::WendlandC2, 2.1), (Kernel::WendlandC4, 1.0), (MATERN(3), 1.0)] {
-            let length_scale = LengthScale::PerAxis(vec![support, 0.8 * support, 1.2 * support]);
-            let centers = Centers::lattice([-2.0; 3], [2.0; 3], [9, 6, 11]).unwrap();
-            let kappa = ScaledKernel::new(kernel, &length_scale, 3).unwrap();
-            for y in [[0.3, -0.2, 0.9], [1.99, -1.9, 2.0], [-2.5, 0.0, 2.2], [-2.0, -2.0, -2.0]] {
-                let mut local =
-                    LatticeFunction::<3>::zero((kernel, &length_scale), &centers, 0.0, &block_of(4)).unwrap();
-                let increment = Vector3::new(1.0, -2.0, 0.5);
-                local.hold(&y);
-                local.held();
-                local.learn(&increment);
-                for center in centers.points() {
-                    let found = local.at(center, &Vector3::zeros());
-                    let expected = kappa.value(&y, center) * increment;
-                    assert!((found.value - expected).norm() < 1e-9, "{kernel:?} {y:?} at {center:?}");
-                    assert!(found.error < 1e-6 * increment.norm(), "no error at a center: {}", found.error);
-                }
-            }
-        }
-    }
-
-    /// A truncated kernel leaves something out at every update; the estimate knows.
-    #[test]
-    fn what_a_truncated_kernel_drops_is_within_the_estimate() {
-        let length_scale = LengthScale::Isotropic(0.4);
-        let options = LocalSolver { truncation: 1e-3, ..block_of(6) };
-        let (mut dense, mut local) = both(MATERN(3), &length_scale, &[9; 3], options);
-        assert!(local.geometry.reach > 8.0 && local.geometry.reach < 12.0, "{}", local.geometry.reach);
-        let mut numbers = Numbers(11);
-        for _ in 0..200 {
-            let y = numbers.point(1.9, 3);
-            let increment = Vector3::from_fn(|_, _| numbers.next().abs());
-            dense.hold(&y);
-            local.hold(&y);
-            local.held();
-            dense.learn(&increment);
-            local.learn(&increment);
-        }
-        let mut largest = 0.0_f64;
-        for _ in 0..200 {
-            let point = numbers.point(2.0, 3);
-            let (exact, found) = (dense.at(&point, &Vector3::zeros()), local.at(&point, &Vector3::zeros()));
-            let error = (exact.value - found.value).norm();
-            assert!(error <= found.error, "{error:e} > {:e}", found.error);
-            largest = largest.max(error / found.error);
-        }
-        assert!(largest > 1e-4, "the estimate is not vacuous: {largest:e}");
-    }
-
-    /// A truncated update costs what the kernel reaches, not what the lattice holds.
-    #[test]
-    fn an_update_touches_only_what_the_kernel_reaches() {
-        let centers = Centers::lattice([-2.0; 3], [2.0; 3], [17; 3]).unwrap();
-        let kernel = (Kernel::WendlandC2, &LengthScale::Isotropic(1.0));
-        let mut local = LatticeFunction::<3>::zero(kernel, &centers, 0.0, &block_of(4)).unwrap();
-        local.hold(&[0.13, 0.21, 0.3]);
-        local.held();
-        local.learn(&Vector3::new(1.0, 1.0, 1.0));
-        // Rows within one length scale, four spacings, of the output.
-        let expected = (0..17 * 17)
-            .filter(|row| {
-                let at = |i: usize| -2.0 + 0.25 * i as f64;
-                (at(row / 17) - 0.13).hypot(at(row % 17) - 0.21) < 1.0
-            })
-            .count();
-        assert_eq!(local.touched_rows.listed().len(), expected);
-    }
-
-    #[test]
-    fn what_the_local_solver_cannot_do_is_refused_with_the_reason() {
-        let zero = |centers: &Centers, kernel, options| {
-            let length_scale = LengthScale::Isotropic(1.0);
-            LatticeFunction::<6>::zero((kernel, &length_scale), centers, 0.0, &options)
-                .unwrap_err()
-                .to_string()
-        };
-        let cube = Centers::lattice([-1.0; 3], [1.0; 3], [9; 3]).unwrap();
-        let listed = Centers::listed([[0.0; 3], [1.0; 3]]).unwrap();
-        let hyper = Centers::lattice([-1.0; 4], [1.0; 4], [3; 4]).unwrap();
-        assert!(zero(&listed, MATERN(3), block_of(4)).contains("listed centers"));
-        assert!(zero(&hyper, Kernel::Gaussian, block_of(4)).contains("4 outputs"));
-        assert!(zero(&cube, MATERN(3), block_of(5)).contains("a block of 5"));
-        assert!(zero(&cube, MATERN(3), LocalSolver { accuracy: 0.0, ..block_of(4) }).contains("accuracy"));
-        assert!(
-            zero(&cube, MATERN(3), LocalSolver { truncation: 1.0, ..block_of(4) }).contains("truncation")
-        );
-        assert!(zero(&cube, Kernel::Gaussian, block_of(6)).contains("not numerically positive definite"));
-    }
-
-    /// The default block is the smallest that reaches the accuracy; on a lattice no larger than a block all is exact.
-    #[test]
-    fn the_block_is_chosen_by_the_accuracy() {
-        let choose = |per_axis: &[usize], accuracy| {
-            let options = LocalSolver { accuracy, ..LocalSolver::default() };
-            both(MATERN(per_axis.len()), &LengthScale::Isotropic(1.0), per_axis, options).1
-        };
-        assert_eq!(choose(&[9; 3], 5e-3).block(), [4; 3]);
-        assert_eq!(choose(&[9; 3], 1e-3).block(), [6; 3]);
-        assert_eq!(choose(&[9; 3], 1e-9).block(), [8; 3], "the largest that is tried");
-        assert_eq!(choose(&[9, 3, 5], 1e-3).block(), [6, 3, 5]);
-        let whole = choose(&[4, 4, 3], 1e-3);
-        assert_eq!((whole.block(), whole.predicted_error()), (vec![4, 4, 3], 0.0));
-    }
-}
+mod tests;

@@ -1,6 +1,7 @@
 //! How f̂ is computed: all centers at every step, or the neighbourhood of the output.
 
-use crate::{Centers, DesignError, Parameter};
+use crate::error::{DesignError, Parameter};
+use crate::space::centers::Centers;
 
 /// Dense, local, or by the number of centers.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -1,6 +1,6 @@
 //! σ(e): how much of an output error is believed to come from the unknown force, and not from noise.
 
-use crate::{DesignError, Parameter};
+use crate::error::{DesignError, Parameter};
 
 /// A Δ-admissible dead zone: zero on [0, d], nondecreasing, continuously differentiable, its derivative
 /// locally Lipschitz. The argument is ‖ỹ‖, the error that can be measured; the paper writes ‖x − x̂‖.

@@ -3,4 +3,5 @@
 pub(crate) mod channel;
 pub(crate) mod dead_zone;
 pub(crate) mod gradient;
+pub(crate) mod linear_stability;
 pub mod stability;

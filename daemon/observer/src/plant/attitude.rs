@@ -1,7 +1,7 @@
 //! Attitude: a unit quaternion moved by the exponential map, and optional fixes.
 
-use crate::law::channel::Segment;
 use crate::plant::body::Kinematics;
+use crate::plant::integrator::Segment;
 use nalgebra::{UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
 
@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 /// A fix is carried along with the motion; what is left of its error, a rotation about a body axis,
 /// decays as e^{−L_q t}.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-pub(crate) struct Attitude {
+pub struct Attitude {
     pub(crate) attitude: UnitQuaternion<f64>,
     /// L_q (1/s).
     fix_gain_per_s: f64,

@@ -1,23 +1,31 @@
-//! A channel of the rigid body as the time line sees it: the velocity, and the pose that is integrated from it.
+//! A rigid body as a channel sees it: the velocity, and the pose that is integrated from it.
 
-use crate::law::channel::{Integrator, Segment};
-use crate::timeline::{Moment, Plant};
+use crate::plant::integrator::{Integrator, Segment};
+use crate::plant::nominal::{Moment, Plant};
 use nalgebra::{Matrix3, Vector3};
 use serde::{Deserialize, Serialize};
 
-/// What is integrated from a channel's output: a position, or an attitude.
-pub(crate) trait Kinematics: Copy {
+/// What is integrated from a velocity: a position, an attitude, or nothing.
+pub trait Kinematics: Copy {
     /// The pose after a segment that starts at `start_ns`.
     fn after(&self, segment: &Segment, start_ns: u64) -> Self;
     /// The same pose, with the gains of another.
     fn with_gains_of(self, other: &Self) -> Self;
 }
 
+/// No pose: the velocity alone.
+impl Kinematics for () {
+    fn after(&self, _: &Segment, _: u64) {}
+    fn with_gains_of(self, (): &()) {}
+}
+
 /// Velocity and position, or angular velocity and attitude.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-pub(crate) struct BodyState<K> {
-    pub(crate) rate: Vector3<f64>,
-    pub(crate) pose: K,
+pub struct BodyState<K> {
+    /// v̂, inertial (m/s), or ω̂, body axes (rad/s).
+    pub rate: Vector3<f64>,
+    /// What is integrated from it.
+    pub pose: K,
 }
 
 /// Forces that need no learning, added to the input.
@@ -40,7 +48,7 @@ impl KnownForce {
 
 /// `M v' = u + known force + f`, and a pose K.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Body<K> {
+pub struct Body<K> {
     integrator: Integrator,
     known_force: KnownForce,
     /// Output estimate at the first output; `None` takes the output itself.
@@ -48,7 +56,7 @@ pub(crate) struct Body<K> {
     pose: std::marker::PhantomData<K>,
 }
 
-impl<K> Body<K> {
+impl<K: Kinematics> Body<K> {
     pub(crate) fn new(
         integrator: Integrator,
         known_force: KnownForce,
@@ -56,10 +64,15 @@ impl<K> Body<K> {
     ) -> Self {
         Self { integrator, known_force, initial_rate, pose: std::marker::PhantomData }
     }
+
+    /// How the velocity moves.
+    pub fn integrator(&self) -> &Integrator {
+        &self.integrator
+    }
 }
 
-fn after<K: Kinematics>(at: &Moment<BodyState<K>>, segment: &Segment) -> BodyState<K> {
-    BodyState { rate: segment.end, pose: at.state.pose.after(segment, at.stamp_ns) }
+fn after<K: Kinematics>(from: &Moment<BodyState<K>>, segment: &Segment) -> BodyState<K> {
+    BodyState { rate: segment.end, pose: from.state.pose.after(segment, from.stamp_ns) }
 }
 
 impl<K: Kinematics> Plant<3> for Body<K> {
@@ -73,25 +86,25 @@ impl<K: Kinematics> Plant<3> for Body<K> {
         BodyState { rate: self.initial_rate.unwrap_or(*output), pose: waiting.pose }
     }
 
-    fn resumed(&self, own: &BodyState<K>, kept: &BodyState<K>) -> BodyState<K> {
-        BodyState { rate: kept.rate, pose: kept.pose.with_gains_of(&own.pose) }
-    }
-
     fn follow(
         &mut self,
-        at: &Moment<BodyState<K>>,
+        from: &Moment<BodyState<K>>,
         output: &Vector3<f64>,
         force: &Vector3<f64>,
         h_s: f64,
     ) -> BodyState<K> {
-        let rate = &at.state.rate;
+        let rate = &from.state.rate;
         let force = force + self.known_force.at(rate);
-        after(at, &self.integrator.follow(rate, output, &force, h_s))
+        after(from, &self.integrator.follow(rate, output, &force, h_s))
     }
 
-    fn coast(&mut self, at: &Moment<BodyState<K>>, force: &Vector3<f64>, h_s: f64) -> BodyState<K> {
-        let rate = &at.state.rate;
+    fn coast(&mut self, from: &Moment<BodyState<K>>, force: &Vector3<f64>, h_s: f64) -> BodyState<K> {
+        let rate = &from.state.rate;
         let force = force + self.known_force.at(rate);
-        after(at, &self.integrator.coast(rate, &force, h_s))
+        after(from, &self.integrator.coast(rate, &force, h_s))
+    }
+
+    fn loaded(&self, own: &BodyState<K>, saved: &BodyState<K>) -> BodyState<K> {
+        BodyState { rate: saved.rate, pose: saved.pose.with_gains_of(&own.pose) }
     }
 }

@@ -1,5 +1,10 @@
-//! Nominal plants, solved exactly over a step with held inputs, and what is integrated along with them.
+//! Nominal plants, solved exactly over a step with held inputs, and what is integrated along with them. They know
+//! nothing of what is learned.
 
 pub(crate) mod attitude;
 pub(crate) mod body;
+pub(crate) mod integrator;
+pub(crate) mod linear;
+pub(crate) mod linear_algebra;
+pub(crate) mod nominal;
 pub(crate) mod position;

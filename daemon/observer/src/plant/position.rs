@@ -1,7 +1,7 @@
 //! Position: the integral of the velocity estimate, and optional fixes.
 
-use crate::law::channel::Segment;
 use crate::plant::body::Kinematics;
+use crate::plant::integrator::Segment;
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 /// A fix is carried along with the motion, so that its age brings no lag: what is left of its error
 /// decays as e^{−L_p t}, on top of the exact integral of v̂.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-pub(crate) struct Position {
+pub struct Position {
     pub(crate) position: Vector3<f64>,
     /// L_r, dimensionless.
     velocity_error_to_position: f64,

@@ -21,8 +21,10 @@
 //! said of the state; for ‖C‖ = 1, as in its examples, all agree. The terms in ξ̄ are ours: the paper names ξ and
 //! never bounds it. With δ ≠ 0 the proof drops −2σ⟨f̃(y), δ⟩: then the size is the paper's claim.
 
-use crate::law::channel::{ChannelDesign, DisturbanceBounds};
-use crate::{DeadZone, NativeSpace, Supremum};
+use crate::design::{ChannelDesign, DisturbanceBounds};
+use crate::law::dead_zone::DeadZone;
+use crate::report::box_search::Supremum;
+use crate::space::native_space::NativeSpace;
 
 /// What the theorems claim for one channel (Niu et al., eqs. (E₀), (minimal dead zone)).
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -12,16 +12,24 @@
 //! What is unobservable has no place in the theorems: they are about the observable part, and the rest is
 //! integrated from it. For a body whose velocity is measured that is the position.
 
+use crate::design::{ChannelDesign, DisturbanceBounds, RotationDesign, TranslationDesign, dynamic};
+use crate::error::DesignError;
 use crate::function::learned::LearnedFunction;
-use crate::law::channel::dynamic;
-use crate::linear_observer::{MAX_OUTPUTS, largest_learning_of_every_step};
-use crate::report::linear_algebra::{
-    LurePair, complement, eigenvalues, reachable_subspace, spectral_abscissa, spectral_norm,
+use crate::function::solver::SolverInUse;
+use crate::law::dead_zone::DeadZoneShape;
+use crate::law::linear_stability::largest_learning_of_every_step;
+use crate::linear_design::LinearDesign;
+use crate::plant::linear::MAX_OUTPUTS;
+use crate::plant::linear_algebra::{
+    complement, eigenvalues, reachable_subspace, spectral_abscissa, spectral_norm,
 };
-use crate::{
-    Centers, Certificate, ChannelDesign, DeadZoneShape, DesignError, DisturbanceBounds, Kernel, LengthScale,
-    LinearDesign, NativeSpace, RotationDesign, SolverInUse, Supremum, TranslationDesign,
-};
+use crate::report::box_search::Supremum;
+use crate::report::certificate::Certificate;
+use crate::report::lure_pair::LurePair;
+use crate::space::centers::Centers;
+use crate::space::kernel::Kernel;
+use crate::space::native_space::NativeSpace;
+use crate::space::scaled_kernel::LengthScale;
 use nalgebra::{Complex, DMatrix, Matrix3};
 
 /// Whether a condition is met.
@@ -498,7 +506,9 @@ fn matrix_in_words(name: &str, matrix: &DMatrix<f64>) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{DeadZone, DisturbanceBounds, GyroscopicTorque, Solver};
+    use crate::design::{DisturbanceBounds, GyroscopicTorque};
+    use crate::function::solver::Solver;
+    use crate::law::dead_zone::DeadZone;
 
     fn paper(inertia: Matrix3<f64>, box_half: f64, zone: (DeadZoneShape, f64), noise: f64) -> ChannelDesign {
         ChannelDesign {

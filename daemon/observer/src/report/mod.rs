@@ -2,5 +2,6 @@
 
 pub(crate) mod box_search;
 pub(crate) mod certificate;
+pub(crate) mod cover;
 pub(crate) mod design_report;
-pub(crate) mod linear_algebra;
+pub(crate) mod lure_pair;

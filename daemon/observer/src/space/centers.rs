@@ -1,7 +1,6 @@
 //! Kernel centers: the points of the output space around which the unknown force is learned.
 
-use crate::DesignError;
-use crate::Parameter;
+use crate::error::{DesignError, Parameter};
 use std::sync::Arc;
 
 /// A lattice of more is a slip of the pen.

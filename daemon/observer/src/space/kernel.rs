@@ -1,7 +1,7 @@
 //! Radial kernels κ(r), the shape of what one center knows about its surroundings.
 
+use crate::error::{DesignError, Parameter};
 use crate::space::factors::lanes::{exp_of_minus, multiply_add};
-use crate::{DesignError, Parameter};
 use pulp::Simd;
 use std::f64::consts::PI;
 

@@ -16,20 +16,21 @@ struct Pair {
 /// Both laws on the same outputs and output estimates: the same output errors, hence the same increments.
 fn learn_side_by_side(shape: DeadZoneShape) -> Pair {
     let design = channel(full_inertia(), full_rate(), zone(shape, 0.1));
-    let mut law = Channel::new(&design).unwrap().law;
+    let mut channel = BodyChannel::new(&design).unwrap();
+    let law = channel.law_mut();
     let mut reference =
-        ReferenceLaw::new(law.space().kernel().clone(), design.dead_zone, design.adaptation_rate);
+        ReferenceLaw::new(law.function().space().kernel().clone(), design.dead_zone, design.adaptation_rate);
     let mut random = Random(7);
     let mut learned = 0;
     for j in 0..150 {
         let (output, estimate_error) = (1.2 * random.vector3(), 0.2 * random.vector3());
         let h_s = [0.003, 0.005, 0.007][j % 3];
         let estimate = output - estimate_error;
-        law.observe(&output, &estimate);
+        law.observe(&output, &estimate, true);
         let learning = law.learning(h_s);
         let step = reference.step(&output, &estimate, h_s);
         assert!(!learning.clamped);
-        assert_eq!(law.output_error(), &step.output_error);
+        assert_eq!(law.held().output_error, step.output_error);
         assert_eq!((learning.activation, learning.increment), (step.activation, step.increment));
         learned += usize::from(learning.activation > 0.0);
         law.learn(&learning);
@@ -37,8 +38,8 @@ fn learn_side_by_side(shape: DeadZoneShape) -> Pair {
     assert!((50..150).contains(&learned), "on both sides of the dead zone: {learned}");
     assert_eq!(reference.function().n_terms(), learned);
     Pair {
-        space: law.space().clone(),
-        weights: law.weights().to_vec(),
+        space: law.function().space().clone(),
+        weights: law.function().weights().to_vec(),
         reference: reference.function().clone(),
     }
 }
@@ -135,13 +136,13 @@ fn run_on_centers(kernel: Kernel, n_centers: usize, n: usize) -> (Vec<f64>, f64)
         .map(|j| {
             let mut output = LinearOutput::zeros();
             output[0] = curve(j);
-            observer.accept(stamp_ns(j), Some(output), Some(LinearOutput::zeros()));
+            observer.accept(stamp_ns(j), Some(output), Some(LinearOutput::zeros()), Learn::ALL);
             let estimate = observer.estimate(stamp_ns(j + 1));
             assert!(!estimate.report.clamped && !estimate.report.coasting);
             estimate.matched_input[0]
         })
         .collect();
-    (forces, observer.law().space().sup_power_function().value)
+    (forces, observer.law().function().space().sup_power_function().value)
 }
 
 /// The slope of ln(ordinates) over ln(abscissas), by least squares.
@@ -199,7 +200,7 @@ fn in_three_dimensions_it_converges_too() {
         let t_s = j as f64 * H_S;
         Vector3::new(0.9 * (2.0 * t_s).sin(), 0.8 * (3.1 * t_s).cos(), 0.85 * (1.3 * t_s + 0.4).sin())
     };
-    let integrator = Channel::new(&design).unwrap().integrator;
+    let integrator = *BodyChannel::new(&design).unwrap().plant().integrator();
     let mut estimate = Vector3::zeros();
     let truth: Vec<_> = (0..400)
         .map(|j| {
@@ -213,19 +214,13 @@ fn in_three_dimensions_it_converges_too() {
         .iter()
         .map(|&per_axis| {
             let centers = Centers::lattice([-1.0; 3], [1.0; 3], [per_axis; 3]).unwrap();
-            let mut channel = Channel::new(&ChannelDesign { centers, ..design.clone() }).unwrap();
-            let mut estimate = Vector3::zeros();
+            let mut channel = BodyChannel::new(&ChannelDesign { centers, ..design.clone() }).unwrap();
             let (mut error, mut power) = (0.0_f64, 0.0_f64);
             for (j, expected) in truth.iter().enumerate() {
-                let next = channel.step(&estimate, &output(j), &Vector3::zeros(), H_S);
-                let learning = channel.law.learning(H_S);
-                // θ has learned from this sample already: θᵀφ is the force that was used.
-                channel.law.observe_again(&estimate);
-                let force = channel.law.matched_force(&Learning::none()).value;
+                let Ahead { learning, matched_force, .. } = channel.step(&output(j), &Vector3::zeros(), H_S);
                 assert!(!learning.clamped);
-                error = error.max((force - expected).norm() / largest);
-                power = power.max(channel.law.power_function());
-                estimate = next;
+                error = error.max((matched_force.value - expected).norm() / largest);
+                power = power.max(channel.law().power_function());
             }
             (error, power)
         })

@@ -4,7 +4,7 @@ use crate::lyapunov_function::LyapunovFunction;
 use crate::native_function::NativeFunction;
 use crate::{NOISE_BOUND, dynamic};
 use nalgebra::{DMatrix, Vector3};
-use observer::{Channel, ChannelDesign, NativeSpace};
+use observer::{BodyChannel, ChannelDesign, NativeSpace};
 
 /// What is true and what is estimated at one sample, before the law has used it.
 pub(crate) struct Instant<'a> {
@@ -29,10 +29,10 @@ pub(crate) fn fly(
     (h_s, n): (f64, usize),
     mut look: impl FnMut(&Instant),
 ) {
-    let mut channel = Channel::new(design).unwrap();
+    let mut channel = BodyChannel::new(design).unwrap();
     let inverse_inertia = design.inertia.try_inverse().unwrap();
     let (mut r, mut v) = (Vector3::new(0.0, 1.0, 0.0), Vector3::new(1.0, 0.0, 2.0));
-    let mut estimate = v;
+    channel.set_rate(v);
     for j in 0..n {
         let t_s = j as f64 * h_s;
         let (sine, cosine) = t_s.sin_cos();
@@ -43,10 +43,9 @@ pub(crate) fn fly(
         let input = -(r - position) - (v - velocity) + design.inertia * acceleration;
         let noise = noise(t_s);
         let output = v + noise;
-        let weights = channel.law.weights().to_vec();
-        let error = v - estimate;
-        estimate = channel.step(&estimate, &output, &input, h_s);
-        let learning = channel.law.learning(h_s);
+        let weights = channel.law().function().weights().to_vec();
+        let error = v - channel.output_estimate();
+        let learning = channel.step(&output, &input, h_s).learning;
         assert!(!learning.clamped, "the law itself is on trial");
         look(&Instant { error, weights: &weights, output, noise, activation: learning.activation });
         let force = Vector3::from_column_slice(&f.value(output.as_slice()));

@@ -23,8 +23,8 @@ mod reference_tables;
 
 use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
 use observer::{
-    Centers, ChannelDesign, DeadZone, DeadZoneShape, DisturbanceBounds, Kernel, LengthScale, NativeSpace,
-    Solver,
+    BodyChannel, Centers, ChannelDesign, DeadZone, DeadZoneShape, DisturbanceBounds, Kernel, LengthScale,
+    Moment, NativeSpace, Solver,
 };
 
 /// δ̄ of the paper's translation: 0.008 √2 on each of three axes (m/s).
@@ -50,6 +50,13 @@ fn channel(inertia: Matrix3<f64>, adaptation_rate: Matrix3<f64>, dead_zone: Dead
         hold_s: 0.0075,
         coast_step_s: 0.005,
     }
+}
+
+/// A step of a channel, of which the output teaches or not.
+fn step(channel: &mut BodyChannel, output: &Vector3<f64>, input: &Vector3<f64>, (h_s, teaches): (f64, bool)) {
+    channel.observe(output, teaches);
+    let ahead = channel.predict(input, h_s);
+    channel.commit(&ahead.learning, Moment { stamp_ns: 0, state: ahead.state });
 }
 
 fn space_of(design: &ChannelDesign) -> NativeSpace {

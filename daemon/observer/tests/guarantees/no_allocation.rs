@@ -3,6 +3,7 @@
 use allocation_counter::measure;
 use nalgebra::{DMatrix, Matrix3, UnitQuaternion, Vector3};
 use observer::*;
+
 fn channel(inertia: f64, solver: Solver) -> ChannelDesign {
     ChannelDesign {
         kernel: Kernel::SobolevMatern { dimension: 3, order: 3 },
@@ -58,22 +59,26 @@ fn exercise(observer: &mut RigidBodyObserver) {
         let v = Vector3::new(t.sin(), t.cos(), (2.0 * t).sin());
         let stamp_ns = j * 5_000_000;
         if !(500..700).contains(&j) {
-            observer.accept(&Sample {
-                stamp_ns,
-                velocity: Some(Velocity::Body(v)),
-                angular_velocity_rad_s: Some(0.1 * v),
-                position_m: Some(v),
-                attitude: Some(UnitQuaternion::identity()),
-                force_n: Some(-v),
-                torque_n_m: Some(v),
-            });
+            observer.accept(
+                &Sample {
+                    stamp_ns,
+                    velocity: Some(Velocity::Body(v)),
+                    angular_velocity_rad_s: Some(0.1 * v),
+                    position_m: Some(v),
+                    attitude: Some(UnitQuaternion::identity()),
+                    force_n: Some(-v),
+                    torque_n_m: Some(v),
+                },
+                Learn::ALL,
+            );
         }
         std::hint::black_box(observer.estimate(stamp_ns + 2_000_000));
     }
-    observer.keep_good_copy();
-    observer.restore_translation();
-    observer.restore_rotation();
-    observer.set_frozen(true);
+    for name in [ChannelName::Translation, ChannelName::Rotation] {
+        let channel = observer.channel_mut(name).unwrap();
+        let state = channel.save();
+        channel.restore(Some(&state));
+    }
     observer.reset();
 }
 
@@ -103,12 +108,18 @@ fn the_observer_of_a_linear_plant_allocates_nothing_in_its_steps() {
             let output = LinearOutput::from_fn(|i, _| if i == 0 { (j as f64 * 0.01).sin() } else { 0.0 });
             // Stamps that jitter, so that every step is of another length; and an outage.
             let stamp_ns = j * 5_000_000 + j * 7919 % 1009;
-            observer.accept(stamp_ns, Some(output).filter(|_| !(500..700).contains(&j)), Some(-output));
+            observer.accept(
+                stamp_ns,
+                Some(output).filter(|_| !(500..700).contains(&j)),
+                Some(-output),
+                Learn::ALL,
+            );
             std::hint::black_box(observer.estimate(stamp_ns + 2_000_000));
         }
-        observer.keep_good_copy();
-        observer.restore_good_copy();
-        observer.reset();
+        let channel = observer.channel_mut();
+        let state = channel.save();
+        channel.restore(Some(&state));
+        channel.forget();
     });
     assert_eq!(steps.count_total, 0);
 }

@@ -1,0 +1,66 @@
+//! Why a design cannot be used.
+
+/// The parameter of a design that cannot be used.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Parameter {
+    /// `kernel`.
+    Kernel,
+    /// `length_scale`.
+    LengthScale,
+    /// `nugget`.
+    Nugget,
+    /// `solver`.
+    Solver,
+    /// `centers`.
+    Centers,
+    /// `gain_per_s`.
+    Gain,
+    /// `adaptation_rate`.
+    AdaptationRate,
+    /// `inertia`.
+    Inertia,
+    /// The dead zone's width.
+    DeadZoneWidth,
+    /// The dead zone's buffer.
+    DeadZoneBuffer,
+    /// The bound on the measurement error.
+    NoiseBound,
+    /// The bound on the unmatched disturbance.
+    UnmatchedBound,
+    /// The bound on the part of f that the centers cannot represent.
+    ResidualNorm,
+    /// `hold_s`.
+    Hold,
+    /// `coast_step_s`.
+    CoastStep,
+    /// Gain or hold of a position or attitude fix, or the velocity error's way into the position.
+    Fix,
+    /// No channel was asked for.
+    Channels,
+    /// A of a linear plant.
+    Plant,
+    /// B of a linear plant.
+    PlantInput,
+    /// C of a linear plant.
+    PlantOutput,
+    /// x̂(0) of a linear plant.
+    InitialState,
+}
+
+/// Why a design cannot be used: what was found, and what would be accepted.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[error("{parameter:?}: found {found}; needed: {needed}")]
+pub struct DesignError {
+    /// Which parameter.
+    pub parameter: Parameter,
+    /// What it is.
+    pub found: String,
+    /// What would be accepted.
+    pub needed: String,
+}
+
+impl DesignError {
+    pub(crate) fn new(parameter: Parameter, found: String, needed: impl Into<String>) -> Self {
+        Self { parameter, found, needed: needed.into() }
+    }
+}
