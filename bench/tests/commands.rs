@@ -51,7 +51,7 @@ fn the_demo_prints_one_document_and_leaves_nothing_behind() {
 }
 
 #[test]
-fn wrong_usage_is_told_from_failure() {
+fn wrong_usage_and_failure_have_exit_codes_of_their_own() {
     let code = |arguments: &[&str]| bench(arguments).code;
     assert_eq!(code(&["demo", "--scenario", "boat"]), Some(2));
     assert_eq!(code(&["demo", "--rate-hz", "0"]), Some(2));

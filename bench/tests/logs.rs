@@ -1,10 +1,8 @@
-//! Recorded flights as people have them: whole, cut off anywhere, of a kind that nobody named; and what is made of
-//! one by `bench tune`.
+//! Recorded flights: a log that is cut off anywhere, and what `bench tune` makes of a flight.
 
 use crate::programs::{bench, document};
-use sim_publisher::{Scenario, Simulation, SimulationOptions};
+use sim_publisher::{Format, Import, Scenario, Simulation, SimulationOptions, parse_flight};
 use std::path::{Path, PathBuf};
-use testkit::Ended;
 
 const DATA: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../shared/data");
 
@@ -28,46 +26,25 @@ fn places(length: usize) -> impl Iterator<Item = usize> {
     })
 }
 
-/// Cut off at 20 places: each is a sentence and exit code 1 or 2, or a flight that is shorter than the whole.
-fn cut_off(name: &str, arguments: &[&str]) {
-    let Some(path) = recorded(name) else { return };
-    let bytes = std::fs::read(&path).unwrap();
-    let directory = tempfile::tempdir().unwrap();
-    let file = directory.path().join(path.file_name().unwrap());
-    let replay = |length: usize| {
-        std::fs::write(&file, &bytes[..length]).unwrap();
-        bench(&[&["replay", file.to_str().unwrap(), "--json"], arguments].concat())
-    };
-    let samples = |out: &str| {
-        let document: serde_json::Value = serde_json::from_str(out).unwrap();
-        document["samples"].as_u64().unwrap()
-    };
-    let of_whole = samples(&replay(bytes.len()).ok());
-    let mut shorter = 0;
-    for place in places(bytes.len()) {
-        let Ended { code, out, log } = replay(place);
-        assert!(!log.contains("panicked"), "cut at {place}: {log}");
-        match code {
-            Some(0) => {
-                assert!((1..=of_whole).contains(&samples(&out)), "cut at {place}");
-                shorter += 1;
-            }
-            Some(1 | 2) => assert!(log.trim().len() > 20, "cut at {place}: {log}"),
-            code => panic!("cut at {place}: {code:?}, {log}"),
-        }
-    }
-    println!("{name}: {of_whole} samples, {shorter} of 20 cut ones flew, the others were refused");
-    assert!((1..20).contains(&shorter), "{shorter} of 20 flew");
-}
-
-#[test]
-fn an_acsl_log_may_end_anywhere() {
-    cut_off("acsl/log_20240613_121802.log", &[]);
-}
-
+/// Cut off at 20 places, it is a shorter flight or a sentence. (Logs of `acsl` and tables: in their importers' own tests.)
 #[test]
 fn a_ulog_may_end_anywhere() {
-    cut_off("ulog/sample_px4_events.ulg", &["--mass-kg", "1.5"]);
+    let Some(path) = recorded("ulog/sample_px4_events.ulg") else { return };
+    let bytes = std::fs::read(path).unwrap();
+    let parse = |length: usize| parse_flight(Format::Ulog, &bytes[..length], "cut.ulg", &Import::default());
+    let whole = parse(bytes.len()).unwrap();
+    let mut shorter = 0;
+    for place in places(bytes.len()) {
+        match parse(place) {
+            Ok(flight) => {
+                assert!((1..=whole.samples.len()).contains(&flight.samples.len()), "cut at {place}");
+                shorter += 1;
+            }
+            Err(error) => assert!(error.to_string().contains("cut.ulg"), "cut at {place}: {error}"),
+        }
+    }
+    println!("{} samples, {shorter} of 20 cut ones flew, the others were refused", whole.samples.len());
+    assert!((1..20).contains(&shorter), "{shorter} of 20 flew");
 }
 
 /// Thirty seconds of the simulated rigid body as a table.

@@ -169,7 +169,7 @@ fn assert_accepted(status: &Status, n: u64) {
     assert!(status.counters.samples_accepted * 2 > n);
 }
 
-fn told(later_s: &[f64]) -> (f64, f64, f64) {
+fn summary_of(later_s: &[f64]) -> (f64, f64, f64) {
     let mut sorted = later_s.to_vec();
     sorted.sort_by(f64::total_cmp);
     let at = |share: f64| sorted[((sorted.len() - 1) as f64 * share) as usize];
@@ -197,7 +197,7 @@ fn a_thousand_odometry_samples_go_in_and_the_estimates_come_back_as_odometry() {
     // The vehicle answers TIMESYNC: no stamp is off by more than half of the round trip, and the clock's microsecond.
     let later_s = assert_samples(&flight, None);
     let round_trip_s = flight.bridge["timesync_round_trip_ns"].as_f64().unwrap() * 1e-9;
-    let (least_s, median_s, _) = told(&later_s);
+    let (least_s, median_s, _) = summary_of(&later_s);
     assert!(least_s > -0.1 && median_s < 0.1, "offsets are of this clock: {least_s}, {median_s}");
     println!("round trip of TIMESYNC {:.0} µs", round_trip_s * 1e6);
 
@@ -280,7 +280,7 @@ fn position_and_attitude_are_joined_and_the_thrust_becomes_a_force() {
     assert_eq!(flight.bridge["samples_with_force"], 600);
     assert_eq!(flight.bridge["samples_out_of_order"], 0);
     assert_accepted(&flight.status, flight.peer["sent"].as_array().unwrap().len() as u64);
-    let (least_s, median_s, _) = told(&assert_samples(&flight, Some(39.2)));
+    let (least_s, median_s, _) = summary_of(&assert_samples(&flight, Some(39.2)));
     assert!(least_s > -0.1 && median_s < 0.1);
     // ODOMETRY was asked for and denied; so the others were, at their interval in µs.
     let asked: Vec<_> =
@@ -320,7 +320,7 @@ fn garbage_half_packets_other_systems_and_a_reboot_do_no_harm() {
     assert!(flight.log.contains("the vehicle's clock was set anew, to 3.0"), "{}", flight.log);
     assert!(flight.log.contains("ODOMETRY in frame 4 with velocities in frame 12"), "{}", flight.log);
     assert_accepted(&flight.status, flight.peer["sent"].as_array().unwrap().len() as u64);
-    let (least_s, median_s, _) = told(&assert_samples(&flight, None));
+    let (least_s, median_s, _) = summary_of(&assert_samples(&flight, None));
     assert!(least_s > -0.1 && median_s < 0.1);
 }
 
@@ -395,7 +395,7 @@ fn the_bridge_outlives_the_service_and_feeds_its_successor() {
 }
 
 #[test]
-fn what_cannot_be_opened_is_told_with_a_remedy() {
+fn what_cannot_be_opened_is_named_with_a_remedy() {
     let domain = TestDomain::new();
     let taken = UdpSocket::bind("127.0.0.1:0").unwrap();
     let in_use = format!("udp:{}", taken.local_addr().unwrap());

@@ -225,17 +225,6 @@ fn the_command_writes_its_files_and_prints_one_document() {
     }
 }
 
-#[test]
-fn the_summary_names_every_quantity_and_file() {
-    let directory = tempfile::tempdir().unwrap();
-    let output = output_of(&["--scenario", "rotation", "--duration", "5"], directory.path());
-    let printed = output.ok();
-    for word in ["Euler angles (rad)", "angular velocity (rad/s)", "unknown torque (N·m)", "second half"] {
-        assert!(printed.contains(word), "{word} in {printed}");
-    }
-    assert!(printed.contains("nothing was learned") && printed.contains("angular_rate.svg"), "{printed}");
-}
-
 /// Each refused with exit code 2, the option's name, and what would be accepted; nothing is written.
 #[test]
 fn impossible_options_are_refused_by_name() {
@@ -266,7 +255,7 @@ fn impossible_options_are_refused_by_name() {
 }
 
 #[test]
-fn failures_while_running_are_told_from_wrong_usage() {
+fn failures_while_running_have_an_exit_code_of_their_own() {
     let directory = tempfile::tempdir().unwrap();
     let file = directory.path().join("a file");
     std::fs::write(&file, "").unwrap();

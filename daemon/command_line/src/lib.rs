@@ -37,7 +37,7 @@ use std::ffi::{OsStr, OsString};
 use std::path::Path;
 use std::process::ExitCode;
 
-/// What the build says of itself, if whoever built it did: a commit, say.
+/// What the build says of itself, if it was set: a commit, for example.
 const BUILD: Option<&str> = option_env!("OBSERVER_BUILD");
 
 /// Reads a program's arguments, its name first.

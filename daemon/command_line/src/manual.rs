@@ -56,7 +56,7 @@ impl Manual {
         };
         match done {
             Ok(()) => ExitCode::SUCCESS,
-            // Nobody reads on: `| head`.
+            // `| head` has read enough.
             Err(error) if error.kind() == io::ErrorKind::BrokenPipe => ExitCode::SUCCESS,
             Err(error) => {
                 let _ = writeln!(io::stderr(), "{name}: {error}; needed: a place that can be written");

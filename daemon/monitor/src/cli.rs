@@ -69,7 +69,7 @@ struct Arguments {
     count: Option<u64>,
 }
 
-/// Whom to listen to.
+/// Which service to read.
 #[derive(Debug, Args)]
 struct Target {
     /// Name of the vehicle
@@ -102,9 +102,9 @@ Examples:
     Record(RecordArguments),
     /// Serves the same live to Foxglove, over its WebSocket protocol
     ///
-    /// In Foxglove: Open connection, and the address that is printed. Whoever reaches the address reads everything and can
-    /// change nothing; there is no password and no encryption. By default that is this machine, its other users and the pages
-    /// in its browsers included.
+    /// In Foxglove: Open connection, and the address that is printed. Every client that reaches the address can read
+    /// everything and change nothing; there is no password and no encryption. By default only this machine can, which
+    /// includes its other users and the pages in its browsers.
     #[command(after_help = "\
 Examples:
   monitor serve
@@ -168,7 +168,7 @@ pub fn main_with_args(args: impl IntoIterator<Item = OsString>) -> ExitCode {
     };
     match run(&arguments) {
         Ok(()) => ExitCode::SUCCESS,
-        // The reader of our lines has what it wanted.
+        // `| head` has read enough.
         Err(error) if is_broken_pipe(&error) => ExitCode::SUCCESS,
         Err(error) => {
             logln!("monitor: {error:#}");
@@ -190,9 +190,9 @@ struct NoTerminal(&'static str);
 
 fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let stop = Arc::new(AtomicBool::new(false));
-    // `--once` waits for seconds at most, and ends as any program does.
+    // `--once` runs for seconds at most: the default action of a signal will do.
     for signal in [SIGINT, SIGTERM, SIGHUP].into_iter().filter(|_| !arguments.once) {
-        // A second one ends the program at once: the first may wait for a terminal that takes nothing any more.
+        // A second signal ends the program immediately: the first may wait for a terminal that accepts no more output.
         signal_hook::flag::register_conditional_default(signal, Arc::clone(&stop))
             .and_then(|_| signal_hook::flag::register(signal, Arc::clone(&stop)))
             .context("register signal handler")?;

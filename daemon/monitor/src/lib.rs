@@ -1,9 +1,9 @@
-//! What people look at: a live view of the estimation service in a terminal, recordings and a live stream for Foxglove and
-//! PlotJuggler; outside of the real-time process.
+//! The monitor: a live view of the estimation service in a terminal, recordings, and a live stream for Foxglove and
+//! PlotJuggler. It runs outside of the real-time process.
 //!
-//! A monitor takes one node and one of the places for readers of estimates, statuses and truths (there are
-//! [`shared_types::service::MAX_READERS`] of each), and for the time of a command one of the clients. It copies what it
-//! takes and holds no sample; one that is slow or stopped misses the oldest, and the service never waits for it.
+//! A monitor needs one iceoryx2 node, one of the [`shared_types::service::MAX_READERS`] subscribers of each topic, and one
+//! client while a command is under way. It copies every message and holds no sample. The service never waits for it: a
+//! monitor that is slow or stopped misses the oldest messages.
 //!
 //! | module | holds |
 //! |---|---|

@@ -46,7 +46,7 @@ pub fn once(domain: &Domain, instance: &str, whence: Whence, json: bool) -> anyh
     {
         let client = Client::connect(domain, instance, ONCE_PATIENCE);
         if client.is_err() {
-            // A domain that only this question has made is taken away again, if it can be.
+            // The connection attempt may have made the domain: remove it again if it is empty.
             let _ = domain.remove_if_unused();
         }
         let client = match client {
@@ -59,8 +59,8 @@ pub fn once(domain: &Domain, instance: &str, whence: Whence, json: bool) -> anyh
         let mut statuses = client.status_subscriber()?;
         let mut estimates = client.estimate_subscriber()?;
         let asked_ns = monotonic_ns();
-        // What a dead service said last is older than the question. On another machine's clock only a second message
-        // tells that it lives.
+        // The last message of a dead service is older than this call. With stamps of another machine's clock, only a
+        // second message shows that the service is alive.
         let is_new = |stamp_ns: u64, n_heard: &mut u64| {
             *n_heard += 1;
             match whence {

@@ -1,13 +1,13 @@
 //! One instance of the service, followed across its restarts.
 //!
-//! A service that was killed and started again is heard on the same ports, one that was stopped and continued too
-//! (found by trying). But whoever holds ports keeps their services in being, and so keeps away a service of another
-//! version: ports are given back soon after the last estimate, and opened anew until one comes again.
+//! The same ports receive from a service that was killed and started again, and from one that was stopped and continued
+//! (both were tried). Open ports keep an iceoryx2 service in existence, though, so that a daemon of another version could
+//! not create its own. The ports are therefore closed soon after the last estimate, and opened again at intervals.
 //!
-//! On this machine the age of an estimate is the clock's affair, and one whose stamp is not of this clock is not
-//! taken. What comes from another machine ([`Whence::AnotherMachine`]) has stamps of that machine's clock, which is
-//! learned from them; the first estimate that new ports bring may be the last of a service long dead, and only the
-//! next one tells that it lives.
+//! On this machine ([`Whence::ThisMachine`]), the age of an estimate follows from its stamp, and an estimate whose stamp is
+//! not of this machine's clock is ignored. Messages from another machine ([`Whence::AnotherMachine`]) have stamps of that
+//! machine's clock, whose offset is learned from them. The first estimate on new ports may be the last one of a service
+//! that died long ago; only a second one shows that the service is alive.
 
 use shared_types::client::Stream;
 use shared_types::clock::SenderClock;
@@ -17,11 +17,11 @@ use std::time::Duration;
 /// Without an estimate for this long, or for [`SILENT_PERIODS`] of its own, the service is away (ns).
 const SILENCE_NS: u64 = 1_000_000_000;
 const SILENT_PERIODS: u64 = 5;
-/// Between two looks without a screen: the smallest queue in shared memory lasts for 64 ms at 1 kHz.
+/// Between two looks without a screen. The shortest queue in shared memory holds 64 ms at 1 kHz.
 pub const LOOK_EVERY: Duration = Duration::from_millis(2);
-/// From being away to giving back the ports, in which a stopped service may go on (ns).
+/// From the end of the estimates to closing the ports (ns): a stopped service may continue within it.
 const GRACE_NS: u64 = 2_000_000_000;
-/// From one look for a service that is away to the next (ns).
+/// Between two attempts to reach a service that is away (ns).
 const RETRY_NS: u64 = 500_000_000;
 
 /// Where the service runs.
@@ -35,7 +35,7 @@ pub enum Whence {
 
 /// What a look has brought.
 #[derive(Debug, Clone, PartialEq)]
-#[allow(clippy::large_enum_variant)] // taken by value at once, never kept in numbers
+#[allow(clippy::large_enum_variant)] // passed on one by one, never stored in a collection
 pub enum News {
     /// A sample, of a link with measurements.
     Measurement(Measurement),
@@ -58,14 +58,14 @@ pub enum News {
     },
 }
 
-/// Says on stderr that and why estimates stay away, whenever the reason changes, and when they come again.
+/// Logs why no estimate comes, whenever the reason changes, and that estimates come again.
 #[derive(Debug, Default)]
 pub struct Announcer {
     why_away: Option<String>,
 }
 
 impl Announcer {
-    /// Takes note of what a look has brought.
+    /// Logs what is new in this.
     pub fn note(&mut self, news: &News) {
         match news {
             News::Away { why, .. } if self.why_away.as_ref() != Some(why) => {
@@ -84,11 +84,11 @@ struct Ports {
     estimates: Stream<Estimate>,
     statuses: Stream<Status>,
     truths: Stream<Truth>,
-    // Dropped last: the others live in it.
+    // Dropped last: the streams belong to it.
     _client: Client,
     opened_ns: u64,
-    /// Estimates that these ports have brought, and those of them whose stamps are not of this clock.
-    n_brought: u64,
+    /// Estimates that these ports have received, and those of them whose stamps are not of this clock.
+    n_received: u64,
     n_foreign: u64,
 }
 
@@ -101,8 +101,8 @@ pub struct Link {
     ports: Option<Ports>,
     /// Publication (of another machine's service: arrival) of the newest estimate, or the first look.
     newest_ns: u64,
-    /// Publication of the newest estimate alone.
-    told_ns: u64,
+    /// Stamp of the newest estimate that was passed on.
+    passed_on_ns: u64,
     next_try_ns: u64,
     next_inquiry_ns: u64,
     silence_ns: u64,
@@ -119,7 +119,7 @@ impl Link {
             clock: SenderClock::default(),
             ports: None,
             newest_ns: now_ns,
-            told_ns: 0,
+            passed_on_ns: 0,
             next_try_ns: now_ns,
             next_inquiry_ns: now_ns,
             silence_ns: SILENCE_NS,
@@ -127,13 +127,13 @@ impl Link {
         }
     }
 
-    /// The same, which takes the vehicle's measurements, too.
+    /// Also receives the vehicle's measurements.
     pub fn with_measurements(mut self) -> Self {
         self.has_measurements = true;
         self
     }
 
-    /// Takes what has come by now, and says at most twice a second that, and why, nothing comes.
+    /// Passes on what has arrived. At most twice a second, reports that no estimate comes, and why.
     ///
     /// # Errors
     /// `Service` where what exists will never fit, as long as it is there: another type, another owner. The next
@@ -162,8 +162,8 @@ impl Link {
             }
             while let Some(estimate) = ports.estimates.take()? {
                 let stamp_ns = estimate.publish_stamp_ns;
-                ports.n_brought += 1;
-                // New ports are told the newest estimate once more, even that of a service long dead.
+                ports.n_received += 1;
+                // New ports receive the newest estimate again, even of a service that died long ago.
                 let (is_live, at_ns) = match self.whence {
                     Whence::ThisMachine => {
                         let is_of_this_clock =
@@ -173,15 +173,15 @@ impl Link {
                     }
                     Whence::AnotherMachine => {
                         if self.clock.note(stamp_ns, now_ns) {
-                            self.told_ns = 0;
+                            self.passed_on_ns = 0;
                             news(News::Rebooted);
                         }
                         news(News::Clock(self.clock));
-                        (ports.n_brought > 1, now_ns)
+                        (ports.n_received > 1, now_ns)
                     }
                 };
-                if is_live && stamp_ns > self.told_ns {
-                    self.told_ns = stamp_ns;
+                if is_live && stamp_ns > self.passed_on_ns {
+                    self.passed_on_ns = stamp_ns;
                     self.newest_ns = self.newest_ns.max(at_ns);
                     news(News::Estimate(estimate));
                 }
@@ -205,7 +205,7 @@ impl Link {
             return Ok(());
         }
         self.next_try_ns = now_ns + RETRY_NS;
-        // Looking for a service makes no domain.
+        // Looking for a service must not create the domain.
         if !self.domain.root().exists() {
             return Ok(());
         }
@@ -226,7 +226,7 @@ impl Link {
             estimates: client.estimate_subscriber()?,
             _client: client,
             opened_ns,
-            n_brought: 0,
+            n_received: 0,
             n_foreign: 0,
         })
     }
@@ -239,7 +239,7 @@ impl Link {
             ));
         }
         let holder = self.domain.instance_holder(&self.instance)?;
-        // The last one of a service that died is one; more of them are sent by somebody.
+        // One such estimate is the last one of a dead service. More than one means that a process sends them.
         if holder.is_none() && self.ports.as_ref().is_some_and(|ports| ports.n_foreign > 1) {
             return Ok("estimates come whose stamps are not of this machine's clock; if a link brings them from another machine: monitor --remote".into());
         }
@@ -259,7 +259,7 @@ impl Link {
 impl Drop for Link {
     fn drop(&mut self) {
         self.ports = None;
-        // The last one of a domain takes it away.
+        // The last process to leave a domain removes it.
         let _ = self.domain.remove_if_unused();
     }
 }

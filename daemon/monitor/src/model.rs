@@ -11,9 +11,9 @@ use shared_types::payload::{Rejection, status_bits};
 use shared_types::{Channel, Estimate, Status};
 use std::collections::VecDeque;
 
-/// How far back a count that grew is news (ns).
+/// Counts are compared with those of this long ago (ns).
 pub const RECENT_NS: u64 = 10_000_000_000;
-/// How long a status bit of a single estimate is shown (ns).
+/// A status bit of a single estimate is shown for this long (ns).
 pub const BIT_SHOWN_NS: u64 = 2_000_000_000;
 
 /// The channels of an estimate, in the order of the counters of [`Status`].
@@ -41,7 +41,7 @@ impl Part {
         ["velocity", "angular velocity", "output"][self as usize]
     }
 
-    /// The unit of its output, and so of its error and bound; a linear plant's is its configuration's affair.
+    /// The unit of its output, its error and its bound; `None` for a linear plant, whose units only its user knows.
     pub fn unit(self) -> Option<&'static str> {
         [Some("m/s"), Some("rad/s"), None][self as usize]
     }
@@ -109,7 +109,7 @@ impl Vector {
         }
     }
 
-    /// How many components are shown: of a linear plant, whose size nobody tells, those that were ever other than zero.
+    /// How many components are shown: of a linear plant, whose size is not published, those up to the last one that was ever other than zero.
     pub fn n_shown(&self) -> usize {
         if self.part == Part::Linear { self.used.max(1) } else { self.axes.len() }
     }
@@ -207,7 +207,7 @@ impl Model {
         }
     }
 
-    /// Takes what the link has brought.
+    /// Takes what the link has received.
     pub fn note(&mut self, news: News) {
         match news {
             News::Estimate(estimate) => self.note_estimate(&estimate),
@@ -221,7 +221,7 @@ impl Model {
     }
 
     fn note_estimate(&mut self, estimate: &Estimate) {
-        // A reader that comes late hears the newest estimate of a dead service once more.
+        // A new subscriber receives the newest estimate again, even of a dead service.
         if self.estimate.is_some_and(|newest| newest.publish_stamp_ns >= estimate.publish_stamp_ns) {
             return;
         }

@@ -1,8 +1,8 @@
 //! `monitor record`: an MCAP file of everything that passes.
 //!
-//! One thread takes from shared memory, another writes: a disk that hesitates for seconds holds nothing up. A chunk is
-//! written at least twice a second and in one piece, so that a recording which ends in the middle, with
-//! `kill -9`, is whole up to there (what a power failure costs is the system's affair); readers with recovery (`mcap recover`, `sim_publisher replay`) read it.
+//! One thread reads shared memory, another writes: a disk that stalls for seconds delays nothing. A chunk is written in one
+//! piece at least twice a second. A recording that ends suddenly, by `kill -9`, is therefore complete up to its last chunk,
+//! and readers with recovery (`mcap recover`, `sim_publisher replay`) read it. Nothing is promised for a power failure.
 
 use crate::link::{Announcer, LOOK_EVERY, Link, News, Whence};
 use crate::topics::{Tally, Topics, WallClock};
@@ -19,9 +19,9 @@ use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, TrySendError, sync
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
-/// What waits for a slow disk: 5 s of a service and a simulator at 1 kHz, 10 MB.
+/// Messages that wait for a slow disk: 5 s of a service and a simulator at 1 kHz, 10 MB.
 const QUEUE: usize = 16_384;
-/// From one chunk's end to the next (ns), and what a sudden end costs at most.
+/// Length of a chunk (ns): what a sudden end loses at most.
 const CHUNK_NS: u64 = 500_000_000;
 
 /// How chunks are compressed.
@@ -77,7 +77,7 @@ impl std::fmt::Display for Summary {
     }
 }
 
-/// A file that remembers why it could not be written: the channels do not say.
+/// A file that remembers why a write failed: foxglove's channels do not report it.
 struct Recording {
     file: File,
     bytes: u64,
@@ -87,9 +87,9 @@ struct Recording {
 impl Recording {
     fn noting<T>(&mut self, done: io::Result<T>) -> io::Result<T> {
         done.map_err(|error| {
-            let told = io::Error::from(error.kind());
+            let copy = io::Error::from(error.kind());
             self.failure.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert(error);
-            told
+            copy
         })
     }
 }
@@ -170,7 +170,7 @@ pub fn record(
     Ok(Summary { file: options.file.into(), bytes, duration_s, topics, not_written })
 }
 
-/// What was taken, and how many the writer was too slow for.
+/// What the reading thread sends to the writer.
 #[allow(clippy::large_enum_variant)] // the queue's places are of one size anyway
 enum Taken {
     News(News, u64),
@@ -198,7 +198,7 @@ impl Queue {
 
     /// Lets the writer finish.
     fn finish(self) -> u64 {
-        // A writer that has failed takes nothing any more, and says so itself.
+        // A writer that has failed has closed the queue, and reports its error itself.
         let _ = self.sender.send(Taken::End { not_written: self.not_written });
         self.not_written
     }
@@ -218,7 +218,7 @@ fn write_all(
             Compression::Lz4 => Some(McapCompression::Lz4),
             Compression::None => None,
         })
-        // Whole chunks alone reach the file.
+        // Only complete chunks reach the file.
         .disable_seeking(true);
     let recording = Recording { file, bytes: 0, failure: Arc::clone(&failure) };
     let reason = |error: foxglove::FoxgloveError| match failure
@@ -251,14 +251,14 @@ fn write_all(
             Ok(Taken::News(news, receipt_ns)) => topics.note(&news, receipt_ns),
             Ok(Taken::End { not_written }) => break not_written,
             Err(RecvTimeoutError::Timeout) => {}
-            // The reader has ended without a word.
+            // The reading thread has panicked.
             Err(RecvTimeoutError::Disconnected) => break 0,
         }
         let now_ns = monotonic_ns();
         if now_ns - chunk_began_ns >= CHUNK_NS {
             chunk_began_ns = now_ns;
             writer.flush().map_err(reason)?;
-            // A message that could not be written is an error of its channel, which tells nobody.
+            // The channels do not report a failed write.
             if let Some(cause) = failure.lock().unwrap_or_else(PoisonError::into_inner).take() {
                 return Err(cause.into());
             }

@@ -1,7 +1,7 @@
 //! `monitor serve`: the same topics live, over Foxglove's WebSocket protocol.
 //!
-//! Whoever reaches the port reads everything and can change nothing; there is no password and no encryption. A viewer that
-//! is too slow misses the oldest messages, and holds nobody up.
+//! Every client that reaches the port can read everything and change nothing; there is no password and no encryption. A
+//! viewer that is too slow misses the oldest messages.
 
 use crate::link::{Announcer, LOOK_EVERY, Link, Whence};
 use crate::topics::{Topics, WallClock};
@@ -33,7 +33,9 @@ pub fn serve(
     outln!("ws://{address}");
     logln!("monitor: instance '{instance}' on ws://{address}; in Foxglove: Open connection; Ctrl-C ends it");
     if !listen.ip().is_loopback() {
-        logln!("monitor: whoever reaches this address reads all of it: no password, no encryption");
+        logln!(
+            "monitor: every client that reaches this address can read all of it: no password, no encryption"
+        );
     }
     let mut topics = Topics::new(&context, instance, WallClock::now());
     let mut link =

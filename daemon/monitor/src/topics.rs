@@ -1,4 +1,4 @@
-//! What the link brings, on Foxglove's channels: the same for a file and for a live stream.
+//! The service's messages on Foxglove's channels: the same for a file and for a live stream.
 //!
 //! | topic | schema | what |
 //! |---|---|---|
@@ -10,8 +10,8 @@
 //! | `/tf` | `foxglove.FrameTransform` | where the body is, in frame `NAME` |
 //! | `/NAME/log` | `foxglove.Log` | changes of the status, restarts, and what is missing |
 //!
-//! A message's time is its own stamp on the wall clock, but never after its receipt nor before its predecessor on the same
-//! topic: a sensor's clock may be wrong, a viewer's time may not go back. The stamp itself stays, as a field.
+//! A message's time is its stamp on the wall clock, limited to its receipt and to rising times on its topic: a source's
+//! clock may be wrong, but a viewer's time must not run backwards. The stamp itself is a field of the message.
 
 use crate::link::News;
 use crate::messages::Recorded;
@@ -26,7 +26,7 @@ use shared_types::payload::{Estimate, Measurement, Status, Truth, status_bits};
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-/// The wall clock as CLOCK_MONOTONIC and a constant: what was measured once, so that times rise whoever sets the clock.
+/// The wall clock as CLOCK_MONOTONIC plus a constant that is measured once: setting the clock does not disturb it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct WallClock {
     /// Wall clock at CLOCK_MONOTONIC zero (ns since 1970).
@@ -34,7 +34,7 @@ pub struct WallClock {
 }
 
 impl WallClock {
-    /// What the two clocks show now; the closest of three looks.
+    /// Reads both clocks: the closest of three attempts.
     pub fn now() -> Self {
         let look = || {
             let before_ns = monotonic_ns();
@@ -72,7 +72,7 @@ impl Tally {
         let missing = match self.newest {
             None => 0,
             Some(newest) if sequence > newest => sequence - newest - 1,
-            // A sequence begins at 0; one that is repeated or a little out of order has not begun again.
+            // Repeated or slightly out of order: the source has not restarted, as a sequence begins at 0.
             Some(newest) if newest - sequence < 64 && sequence > 0 => {
                 self.messages += 1;
                 return 0;
@@ -100,7 +100,7 @@ impl<Message: Encode> Topic<Message> {
         Self { channel: context.channel_builder(name).build(), newest_ns: None }
     }
 
-    /// Logs what happened at `stamp_ns` and was received at `receipt_ns`; `make` is told the wall clock's time.
+    /// Logs what happened at `stamp_ns` and was received at `receipt_ns`; `make` is given the time on the wall clock.
     fn log(&mut self, clock: WallClock, stamp_ns: u64, receipt_ns: u64, make: impl FnOnce(u64) -> Message) {
         let mut wall_ns = clock.at(stamp_ns.min(receipt_ns));
         if let Some(newest_ns) = self.newest_ns {
@@ -111,8 +111,8 @@ impl<Message: Encode> Topic<Message> {
     }
 }
 
-/// Changes of these are told in the log.
-const TOLD: u64 = status_bits::STALE
+/// A change of one of these bits is logged.
+const LOGGED: u64 = status_bits::STALE
     | status_bits::WAITING
     | status_bits::COASTING
     | status_bits::FROZEN
@@ -138,7 +138,7 @@ pub struct Topics {
     truths: Tally,
     statuses: Tally,
     newest_status_ns: u64,
-    told: Option<u64>,
+    logged: Option<u64>,
     is_away: bool,
 }
 
@@ -162,7 +162,7 @@ impl Topics {
             truths: Tally::default(),
             statuses: Tally::default(),
             newest_status_ns: 0,
-            told: None,
+            logged: None,
             is_away: false,
         }
     }
@@ -183,13 +183,13 @@ impl Topics {
         match news {
             News::Measurement(sample) => {
                 let missing = self.measurements.count(sample.sequence);
-                self.tell_missing(missing, "measurement", receipt_ns);
+                self.log_missing(missing, "measurement", receipt_ns);
                 self.measurement.log(self.clock, sample.stamp_ns, receipt_ns, |_| Recorded(*sample));
             }
             News::Estimate(estimate) => self.note_estimate(estimate, receipt_ns),
             News::Truth(truth) => {
                 let missing = self.truths.count(truth.sequence);
-                self.tell_missing(missing, "truth", receipt_ns);
+                self.log_missing(missing, "truth", receipt_ns);
                 self.truth.log(self.clock, truth.stamp_ns, receipt_ns, |_| Recorded(*truth));
                 let (frame, motion) = (&self.instance, Motion::of(truth));
                 let body = format!("{frame}/true_body");
@@ -200,19 +200,19 @@ impl Topics {
                     motion.frame_transform(wall_ns, frame, &body)
                 });
             }
-            // New ports are told the newest status once more.
+            // New ports receive the newest status again.
             News::Status(status) if status.stamp_ns <= self.newest_status_ns => {}
             News::Status(status) => {
                 self.newest_status_ns = status.stamp_ns;
                 let missing = self.statuses.count(status.sequence);
-                self.tell_missing(missing, "status", receipt_ns);
+                self.log_missing(missing, "status", receipt_ns);
                 self.status.log(self.clock, status.stamp_ns, receipt_ns, |_| Recorded(*status));
             }
             News::Away { why, .. } if !self.is_away => {
-                (self.is_away, self.told) = (true, None);
-                self.tell(Level::Error, format!("no estimate comes: {why}"), receipt_ns);
+                (self.is_away, self.logged) = (true, None);
+                self.log_text(Level::Error, format!("no estimate comes: {why}"), receipt_ns);
             }
-            // The second two are of other machines.
+            // `Clock` and `Rebooted` come from other machines only.
             News::Away { .. } | News::Clock(_) | News::Rebooted => {}
         }
     }
@@ -221,19 +221,19 @@ impl Topics {
         let restarts = self.estimates.restarts;
         let missing = self.estimates.count(estimate.sequence);
         if self.estimates.restarts > restarts {
-            self.tell(Level::Warning, "the service has started again".into(), receipt_ns);
+            self.log_text(Level::Warning, "the service has started again".into(), receipt_ns);
         }
-        self.tell_missing(missing, "estimate", receipt_ns);
-        let told = estimate.status & TOLD;
-        if self.told != Some(told) {
-            let level = match told {
+        self.log_missing(missing, "estimate", receipt_ns);
+        let logged = estimate.status & LOGGED;
+        if self.logged != Some(logged) {
+            let level = match logged {
                 0 => Level::Info,
-                _ if told & (status_bits::STALE | status_bits::INVALID) != 0 => Level::Error,
+                _ if logged & (status_bits::STALE | status_bits::INVALID) != 0 => Level::Error,
                 _ => Level::Warning,
             };
-            self.tell(level, status_bits::words(estimate.status).join(", "), receipt_ns);
+            self.log_text(level, status_bits::words(estimate.status).join(", "), receipt_ns);
         }
-        (self.told, self.is_away) = (Some(told), false);
+        (self.logged, self.is_away) = (Some(logged), false);
         // The time of publication: several estimates may have the state of one instant.
         let stamp_ns = estimate.publish_stamp_ns;
         self.estimate.log(self.clock, stamp_ns, receipt_ns, |_| Recorded(*estimate));
@@ -248,13 +248,17 @@ impl Topics {
         }
     }
 
-    fn tell_missing(&mut self, missing: u64, topic: &str, receipt_ns: u64) {
+    fn log_missing(&mut self, missing: u64, topic: &str, receipt_ns: u64) {
         if missing > 0 {
-            self.tell(Level::Warning, format!("{missing} missing on /{}/{topic}", self.instance), receipt_ns);
+            self.log_text(
+                Level::Warning,
+                format!("{missing} missing on /{}/{topic}", self.instance),
+                receipt_ns,
+            );
         }
     }
 
-    fn tell(&mut self, level: Level, message: String, receipt_ns: u64) {
+    fn log_text(&mut self, level: Level, message: String, receipt_ns: u64) {
         let name = &self.instance;
         self.log.log(self.clock, receipt_ns, receipt_ns, |wall_ns| log_line(wall_ns, level, name, message));
     }

@@ -70,7 +70,7 @@ fn one_status_as_text_and_as_a_document_and_so_many_lines() {
 }
 
 #[test]
-fn wrong_usage_is_told_from_failure_and_nothing_is_left_behind() {
+fn wrong_usage_and_failure_have_exit_codes_of_their_own_and_nothing_is_left_behind() {
     let domain = TestDomain::new();
     for wrong in [
         &["--fps", "0"][..],

@@ -51,7 +51,7 @@ def test_the_lock_keeps_the_service_from_making_anything(service_to_start, root)
     assert "services" in os.listdir(root)
 
 
-def test_a_lock_that_somebody_keeps_names_its_holder(root, monkeypatch):
+def test_a_lock_that_is_held_names_its_holder(root, monkeypatch):
     monkeypatch.setattr("observer_client.domain._LOCK_PATIENCE_S", 0.05)
     with Domain(root).making():
         with pytest.raises(DomainError, match=f"held by process {os.getpid()}.*kill {os.getpid()}"):

@@ -17,7 +17,7 @@ def run(name, service, *arguments):
 
 
 def test_the_flight_loop_learns_the_drag(service):
-    # Of 2 to 3 N that nobody told the service about; more than once where the machine stalls.
+    # 2 to 3 N, which the service does not know; repeated where the machine stalls.
     for _ in range(5):
         done = run("flight_loop.py", service, "--duration", 4)
         assert done.returncode == 0, done.stderr

@@ -40,7 +40,7 @@ def moving(t):
 
 
 def estimate_of(estimates, sequence):
-    """The first estimate that this sample went into; None if it was rejected, as what a stalled machine brings late."""
+    """The first estimate with this sample; None if the sample was rejected, as on a stalled machine, where it is late."""
     deadline = time.monotonic() + PATIENCE_S
     for estimate in estimates:
         if estimate.source_sequence == sequence and estimate.source_stamp_ns > 0:
@@ -51,7 +51,7 @@ def estimate_of(estimates, sequence):
 
 
 def newest_of(vehicle):
-    """What came before a reader is there when the service publishes next."""
+    """The newest estimate, once the service has published one for this reader."""
     deadline = time.monotonic() + PATIENCE_S
     while (estimate := vehicle.latest()) is None:
         assert time.monotonic() < deadline
@@ -59,13 +59,13 @@ def newest_of(vehicle):
     return estimate
 
 
-def test_a_thousand_samples_go_in_and_each_comes_back_in_an_estimate(service):
+def test_samples_go_in_and_each_comes_back_in_an_estimate(service):
     with service.vehicle() as vehicle:
         estimates = vehicle.estimates(timeout_s=PATIENCE_S)
         assert "waiting" in next(estimates).words()
         received = []
         start_ns = time.monotonic_ns()
-        for expected in range(1000):
+        for expected in range(400):
             stamp_ns = time.monotonic_ns()
             reading = moving((stamp_ns - start_ns) * 1e-9)
             assert vehicle.publish(stamp_ns=stamp_ns, **reading) == expected
@@ -86,12 +86,12 @@ def test_a_thousand_samples_go_in_and_each_comes_back_in_an_estimate(service):
         assert newest.sequence >= received[-1][0].sequence
         status = vehicle.status()
         assert (status.counters.samples_accepted, status.counters.samples_lost) == (len(received), 0)
-        assert sum(status.rejected().values()) == 1000 - len(received)
+        assert sum(status.rejected().values()) == 400 - len(received)
         assert set(status.rejected()) <= {"too far behind the clock", "the loop was late"}
         assert status.source_pid == os.getpid()
         assert status.counters.ticks >= newest.sequence
         # A reader of its own sees the same.
-        assert next(vehicle.statuses(timeout_s=PATIENCE_S)).counters.samples_accepted <= 1000
+        assert next(vehicle.statuses(timeout_s=PATIENCE_S)).counters.samples_accepted <= 400
     service.end()
     assert not os.path.exists(service.root), "the last one to go leaves nothing"
     assert [n for n in os.listdir("/dev/shm") if n.startswith(Domain(service.root).prefix)] == []
@@ -146,19 +146,6 @@ def test_readings_of_another_shape_are_refused_and_nothing_is_sent(service):
         assert vehicle.publish(velocity_m_s=[0.0] * 3) == 0
         with pytest.raises(TypeError):
             vehicle.publish(velocity=[0.0] * 3)
-
-
-def test_what_the_gate_rejects_is_counted_by_reason(service):
-    with service.vehicle() as vehicle:
-        estimates = vehicle.estimates(timeout_s=PATIENCE_S)
-        vehicle.publish(velocity_m_s=[0.0] * 3)
-        estimate_of(estimates, 0)
-        vehicle.publish(velocity_m_s=[math.nan, 0.0, 0.0])
-        while "rejected-sample" not in next(estimates).words():
-            pass
-        deadline = time.monotonic() + PATIENCE_S
-        while vehicle.status().rejected() != {"not finite": 1}:
-            assert time.monotonic() < deadline
 
 
 def test_without_a_service_it_says_how_to_start_one(root):
@@ -273,14 +260,7 @@ def test_commands_are_carried_out_and_answered(service, tmp_path):
         assert refused.value.reply.status.snapshots_failed >= 1
 
 
-def test_what_the_operators_program_says_is_what_the_client_says(service):
-    with service.vehicle() as vehicle:
-        vehicle.command("freeze")
-        text = service.control("status", "--json").stdout
-        assert '"adaptation_frozen": true' in text or '"adaptation_frozen":1' in text.replace(" ", ""), text
-
-
-def test_streams_that_nobody_holds_give_their_ports_back(service, facts):
+def test_streams_that_are_dropped_give_their_ports_back(service, facts):
     with service.vehicle() as vehicle:
         for _ in range(2 * facts["max_readers"]):
             next(vehicle.estimates(timeout_s=PATIENCE_S))
@@ -299,18 +279,6 @@ def test_streams_that_nobody_holds_give_their_ports_back(service, facts):
     with pytest.raises(ObserverError, match="closed"):
         vehicle.publish(velocity_m_s=[0.0] * 3)
     vehicle.close()
-
-
-def test_a_slow_reader_loses_the_oldest_and_sees_the_gap(service, facts):
-    with service.vehicle() as vehicle:
-        estimates = vehicle.estimates(timeout_s=PATIENCE_S)
-        first = next(estimates)
-        glance = newest_of(vehicle)
-        deadline = time.monotonic() + 6 * PATIENCE_S
-        while newest_of(vehicle).sequence <= glance.sequence + facts["estimate_buffer"] + 10:
-            assert time.monotonic() < deadline
-            time.sleep(0.01)
-        assert next(estimates).sequence > first.sequence + 1
 
 
 def test_an_interrupt_ends_a_waiting_reader_and_nothing_else(service):
@@ -334,28 +302,3 @@ def test_an_interrupt_ends_a_waiting_reader_and_nothing_else(service):
     assert reader.returncode == 0
     with service.vehicle() as vehicle:
         assert vehicle.status().counters.ticks > 0
-
-
-def test_a_killed_vehicle_may_simply_be_started_again(service):
-    program = (
-        "from observer_client import Vehicle\n"
-        "import time\n"
-        "with Vehicle(patience_s=20.0) as vehicle:\n"
-        "    while True:\n"
-        "        vehicle.publish(velocity_m_s=[0.1, 0.2, 0.3])\n"
-        "        print('published', flush=True)\n"
-        "        time.sleep(0.005)\n"
-    )
-    for _ in range(3):
-        process = subprocess.Popen([sys.executable, "-c", program], env=service.environment, stdout=subprocess.PIPE, text=True)
-        assert process.stdout.readline() == "published\n"
-        process.kill()
-        process.communicate(timeout=PATIENCE_S)
-    with service.vehicle() as vehicle:
-        deadline = time.monotonic() + PATIENCE_S
-        while vehicle.status().source_pid != os.getpid():
-            vehicle.publish(velocity_m_s=[0.1, 0.2, 0.3])
-            assert time.monotonic() < deadline
-        estimates = vehicle.estimates(timeout_s=PATIENCE_S)
-        while not next(estimates).status & status_bits.COASTING_ROTATION:
-            pass

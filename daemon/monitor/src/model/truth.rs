@@ -1,13 +1,13 @@
-//! How far the estimate is from the truth, where a simulator publishes that.
+//! The error of the estimate against the true state, where a simulator publishes it.
 
 use shared_types::{Estimate, Truth};
 use std::collections::VecDeque;
 
-/// Estimates that wait for the true state at their instant; the service keeps no more for a slow reader.
+/// Estimates that wait for the true state at their instant: as many as the service queues for a slow reader.
 const PENDING: usize = shared_types::service::ESTIMATE_BUFFER;
-/// Over which the error against the truth is averaged (ns).
+/// Time constant of the mean square error (ns).
 const TRUTH_AVERAGE_NS: f64 = 2e9;
-/// A truth that is older than this tells nothing about now (ns).
+/// An error that is older than this is not shown (ns).
 const TRUTH_SHOWN_NS: u64 = 2_000_000_000;
 
 /// Root mean squares of the estimate's error against the truth, over some two seconds.

@@ -1,7 +1,7 @@
 //! Where things stand on the screen: a pure function of model, view and size.
 //!
-//! With 80 columns and 24 lines everything that matters is there; more lines make the pictures of the past taller and
-//! show more notes and facts, more columns make them longer. With less there are lines of text, what matters most first.
+//! 80 columns and 24 lines show everything essential. More lines make the traces taller and show more notes and facts; more
+//! columns make the traces longer. A smaller terminal shows lines of text, the most important first.
 
 use crate::model::history::BUCKET_NS;
 use crate::model::{Model, Part, Presence, Vector};

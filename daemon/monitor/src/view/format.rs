@@ -1,6 +1,6 @@
 //! Numbers, times and ages in few characters.
 
-/// A number in at most nine characters, its sign included, with so many decimals or as many as fit.
+/// A number in at most nine characters, sign included, with `decimals` decimals or as many as fit.
 pub fn number(value: f64, decimals: usize) -> String {
     const WIDTH: usize = 9;
     match value {

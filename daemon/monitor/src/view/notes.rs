@@ -76,7 +76,7 @@ pub fn verdict(model: &Model, now: Now) -> (Level, String) {
     }
 }
 
-/// All there is to know, the worst first.
+/// All notes, the worst first.
 pub fn notes(model: &Model, now: Now) -> Vec<Note> {
     let mut notes = Vec::new();
     let mut note = |level: Level, word: &'static str, text: String| notes.push(Note { level, word, text });

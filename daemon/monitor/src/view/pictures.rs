@@ -18,7 +18,7 @@ pub fn range(values: &[Option<f64>], least_span: f64) -> Option<(f64, f64)> {
     Some((low - widen, high + widen))
 }
 
-/// Bars from the least value up; at least one eighth, so that a gap is told from a low value.
+/// Bars from the least value up; at least one eighth, so that a low value does not look like a gap.
 pub fn draw_trace(
     frame: &mut Frame<'_>,
     rect: Rect,
@@ -43,7 +43,7 @@ pub const HISTOGRAM_COLUMNS: u16 = Histogram::BINS as u16 + 4;
 
 /// A title, bars whose greatest fills the height, and the axis of time below; nothing where there is no room.
 ///
-/// The height of a bar is the root of its count: what is rare must be seen.
+/// The height of a bar is the root of its count, so that rare latencies are visible.
 pub fn draw_histogram(frame: &mut Frame<'_>, rect: Rect, title: &str, histogram: &Histogram, theme: Theme) {
     if rect.height < 3 || rect.width < HISTOGRAM_COLUMNS {
         return;

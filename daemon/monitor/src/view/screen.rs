@@ -1,7 +1,7 @@
 //! The live view: a thread that reads, a loop that draws and listens to keys.
 //!
-//! The reader never waits for the terminal, nor the terminal for the service. What is drawn is what changed, a few
-//! times a second: a slow link carries it.
+//! Neither thread waits for the other: a stopped terminal does not delay reading, nor a silent service the keys. Only what
+//! has changed is written to the terminal, a few times a second, so that a slow link can carry it.
 
 use crate::link::{Link, News, Whence};
 use crate::model::Model;
@@ -23,8 +23,8 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError, mpsc};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant, UNIX_EPOCH};
 
-/// From one look at the shared memory to the next.
-const LOOK_EVERY: Duration = Duration::from_millis(10);
+/// Between two looks at the shared memory.
+const READ_EVERY: Duration = Duration::from_millis(10);
 /// A signal is noticed at least this often.
 const LISTEN_AT_MOST: Duration = Duration::from_millis(100);
 /// After a key the picture may be drawn earlier than its rate says, but not more often than this.
@@ -79,9 +79,9 @@ struct Reader {
 }
 
 impl Reader {
-    /// Ends the program where it has to end, by `signalled` or because the terminal is gone, and the terminal keeps
-    /// it: crossterm 0.29 never comes back from a terminal that was closed (its issue 793), and one that takes no
-    /// more output holds whoever writes.
+    /// Ends the program if it must end, after a signal or because the terminal is gone, and the drawing thread does not:
+    /// crossterm 0.29 does not return from a terminal that was closed (its issue 793), and a write to a terminal that
+    /// accepts no more output blocks.
     fn start(domain: Domain, instance: &str, whence: Whence, signalled: Arc<AtomicBool>) -> Self {
         let model = Arc::new(Mutex::new(Model::new(instance)));
         let stop = Arc::new(AtomicBool::new(false));
@@ -98,7 +98,7 @@ impl Reader {
                         if since.elapsed() > END_WITHIN {
                             std::process::exit(1);
                         }
-                        std::thread::sleep(LOOK_EVERY);
+                        std::thread::sleep(READ_EVERY);
                     }
                     return;
                 }
@@ -110,7 +110,7 @@ impl Reader {
                         lock(&its_model).note(News::Away { since_ns, why: error.to_string() });
                     }
                 }
-                std::thread::sleep(LOOK_EVERY);
+                std::thread::sleep(READ_EVERY);
             }
         };
         Self { model, stop, thread: Some(std::thread::spawn(follow)) }
@@ -132,7 +132,7 @@ impl Drop for Reader {
 
 fn terminal_is_gone() -> bool {
     let out = stdout();
-    // Asks for nothing but what is always told.
+    // HUP, ERR and NVAL are reported without being asked for.
     let mut asked = [PollFd::new(&out, PollFlags::empty())];
     let found = poll(&mut asked, Some(&Timespec::default()));
     found.is_ok() && asked[0].revents().intersects(PollFlags::HUP | PollFlags::ERR | PollFlags::NVAL)
@@ -147,7 +147,7 @@ struct Screen<'a> {
     whence: Whence,
     reader: &'a Reader,
     view: View,
-    /// What stands still while paused.
+    /// What is shown while paused.
     still: Option<(Model, Now)>,
     message_until: Option<Instant>,
     /// Of the command that is under way.
@@ -249,7 +249,7 @@ impl Screen<'_> {
         self.message_until = Some(Instant::now() + MESSAGE_SHOWN);
     }
 
-    /// Sends a command from a thread of its own: the picture goes on.
+    /// Sends a command from a thread of its own, so that the picture stays live.
     fn command(&mut self, name: &'static str, kind: u32) {
         if self.whence == Whence::AnotherMachine {
             self.say(Level::Caution, "no command crosses the link: on that machine, daemon control …");
@@ -262,7 +262,7 @@ impl Screen<'_> {
         let (answer, answered) = mpsc::channel();
         let (domain, instance) = (self.domain.clone(), lock(&self.reader.model).instance.clone());
         std::thread::spawn(move || {
-            // The reader's end is gone only when the program ends.
+            // The receiver is gone only when the program ends.
             let _ = answer.send(carry_out(&domain, &instance, name, kind));
         });
         self.answer = Some(answered);

@@ -1,4 +1,4 @@
-//! The parts of the view as lines of text: what is said, without where it stands.
+//! The parts of the view as lines of text: their content, not their place.
 
 use crate::model::{Model, Part, Presence, Vector};
 use crate::view::format::{cut, duration, duration_ns, magnitude, micros, number, running, wrapped};
@@ -51,20 +51,20 @@ pub fn verdict_line(model: &Model, now: Now, theme: Theme, width: usize) -> Line
     Line::styled(both_sides(&format!(" {text}"), &age, width), theme.banner(level))
 }
 
-/// What to know, in at most so many lines; the last one tells of what does not fit.
+/// The notes, in at most `n_lines` lines; the last line says how many do not fit.
 pub fn note_lines(model: &Model, now: Now, theme: Theme, width: usize, n_lines: usize) -> Vec<Line<'static>> {
     let notes = notes(model, now);
     let mut lines: Vec<Line> = Vec::new();
     for (k, note) in notes.iter().enumerate() {
         let of_note = lines_of(note, theme, width);
-        // The last line may have to say that there is more.
+        // Unless this is the last note, keep a line for the count of those that do not fit.
         let is_last = k + 1 == notes.len();
         let fits = lines.len() + of_note.len() + usize::from(!is_last) <= n_lines;
         if fits {
             lines.extend(of_note);
             continue;
         }
-        // Of the worst as much as there is room for.
+        // Of the worst note, show as much as there is room for.
         if k == 0 {
             lines.extend(of_note);
         }
@@ -136,8 +136,8 @@ pub fn state_lines(model: &Model, parts: &[Part]) -> Vec<Line<'static>> {
     lines
 }
 
-/// How far each channel can be trusted: a heading, and a line each. In a narrow view one of the last two numbers has to
-/// give way: the solver's error where the solver is exact, the norm where it is not.
+/// How far each channel can be trusted: a heading, and a line each. A narrow view shows either the norm or the solver's
+/// error: the latter if a solver is not exact.
 pub fn trust_lines(model: &Model, parts: &[Part], theme: Theme, width: usize) -> Vec<Line<'static>> {
     let units: Vec<_> = parts.iter().filter_map(|part| part.unit()).collect();
     let mut channels =

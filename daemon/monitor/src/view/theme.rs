@@ -1,4 +1,4 @@
-//! Colours and their stand-ins: every colour has a word beside it, so that none is needed.
+//! Colours, and bold or reversed text in their place. Every colour has a word beside it: none is needed.
 
 use crate::view::status_words::Level;
 use ratatui::style::{Color, Modifier, Style};
@@ -11,7 +11,7 @@ pub struct Theme {
 }
 
 impl Theme {
-    /// A line that must be seen from afar.
+    /// The verdict and questions.
     pub fn banner(self, level: Level) -> Style {
         let reversed = Style::new().add_modifier(Modifier::REVERSED | Modifier::BOLD);
         match self.is_coloured {
@@ -36,12 +36,12 @@ impl Theme {
         if self.is_coloured { bold.fg(Color::Cyan) } else { bold.add_modifier(Modifier::UNDERLINED) }
     }
 
-    /// What is there for reference.
+    /// Text for reference only.
     pub fn faint(self) -> Style {
         Style::new().add_modifier(Modifier::DIM)
     }
 
-    /// A picture of the past.
+    /// A trace or a histogram.
     pub fn trace(self) -> Style {
         if self.is_coloured { Style::new().fg(Color::Blue) } else { Style::new() }
     }
