@@ -284,6 +284,7 @@ impl MeanSquare {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use daemon::assemble;
     use daemon::config::ConfigFile;
 
     /// v' = u/m, known exactly to the filter and to the observer: coasting has no error.
@@ -302,7 +303,7 @@ mod tests {
             .collect();
         let flight = Flight::new(samples, 0.5).unwrap();
         let config = ConfigFile::preset("acsl-x8").unwrap();
-        let ours = evaluate(&flight, ObserverEstimator(config.observer().unwrap())).unwrap();
+        let ours = evaluate(&flight, ObserverEstimator(assemble::rigid_body(&config).unwrap())).unwrap();
         let filter = |velocity: &Vector3<f64>| KalmanFilter::new(2.2, 0.0, 0.01, velocity);
         let gravity = Vector3::new(0.0, 0.0, 2.2 * 9.81);
         let theirs = evaluate(&flight, KalmanEstimator::new(&filter, gravity)).unwrap();

@@ -14,6 +14,7 @@ use crate::plot::{self, Line, LineStyle, Panel};
 use anyhow::Context;
 use clap::Args;
 use comfy_table::{Table, presets::UTF8_FULL_CONDENSED};
+use daemon::assemble;
 use serde::Serialize;
 use shared_types::outln;
 use std::path::PathBuf;
@@ -79,8 +80,8 @@ pub fn run(arguments: &ReplayArguments) -> anyhow::Result<()> {
     }
     let Replay { config, flight, samples_rejected, rows_skipped } = arguments.flight.read()?;
     let translation = config.config.translation.as_ref().context("the configuration has no [translation]")?;
-    let learning = evaluate(&flight, ObserverEstimator(config.observer()?))?;
-    let fixed = evaluate(&flight, ObserverEstimator(config.observer_without_adaptation()?))?;
+    let learning = evaluate(&flight, ObserverEstimator(assemble::rigid_body(&config)?))?;
+    let fixed = evaluate(&flight, ObserverEstimator(assemble::rigid_body_without_adaptation(&config)?))?;
     let kalman = evaluate_kalman(&flight, translation)?;
     let best_step = best(&kalman, |accuracy| accuracy.one_step_rms_m_s);
     let best_coast = best(&kalman, |accuracy| accuracy.coast_rms_m_s);

@@ -1,5 +1,6 @@
 //! `daemon check`: what is proven for a configuration, and what would be proven for a better one.
 
+use crate::assemble;
 use crate::config::{ConfigError, ConfigFile, DeadZoneName};
 use crate::estimator::Estimator;
 use comfy_table::{ContentArrangement, Table, presets::NOTHING};
@@ -61,8 +62,8 @@ impl ChannelCheck {
 /// What [`ConfigFile::estimator`] refuses, but for an unstable design: that is a finding.
 pub fn checks(file: &ConfigFile) -> Result<Vec<ChannelCheck>, ConfigError> {
     let mut checks = Vec::new();
-    file.check_service()?;
-    let refuse = |table: &'static str| move |error: DesignError| file.refuse(table, &error);
+    assemble::check(file)?;
+    let refuse = |table: &'static str| move |error: DesignError| assemble::refusal(file, table, &error);
     // With many centers a space takes long to build: what the observer has built is what is reported on.
     let body =
         |name, units, channel: &ChannelDesign, observer: Result<RigidBodyObserver, _>, report: &Report| {
@@ -77,17 +78,17 @@ pub fn checks(file: &ConfigFile) -> Result<Vec<ChannelCheck>, ConfigError> {
             let step_time = observer.map(time_steps).map_err(refuse(name));
             Ok::<_, ConfigError>(ChannelCheck { name, units, report, length_scales, step_time })
         };
-    if let Some(design) = file.translation_design()? {
+    if let Some(design) = assemble::translation_design(file)? {
         let observer = RigidBodyObserver::new(Some(design.clone()), None, InitialState::default());
         let report = |function: &LearnedFunction<3>| DesignReport::of_translation(&design, function);
         checks.push(body("translation", ("m/s", "kg/s²"), &design.channel, observer, &report)?);
     }
-    if let Some(design) = file.rotation_design()? {
+    if let Some(design) = assemble::rotation_design(file)? {
         let observer = RigidBodyObserver::new(None, Some(design.clone()), InitialState::default());
         let report = |function: &LearnedFunction<3>| DesignReport::of_rotation(&design, function);
         checks.push(body("rotation", ("rad/s", "N·m"), &design.channel, observer, &report)?);
     }
-    if let Some(design) = file.linear_design()? {
+    if let Some(design) = assemble::linear_design(file)? {
         let names = file.config.linear.as_ref().and_then(|linear| linear.state_names.as_deref());
         let observer = LinearObserver::new(&design);
         let law = observer.as_ref().ok().map(LinearObserver::law);
@@ -102,7 +103,7 @@ pub fn checks(file: &ConfigFile) -> Result<Vec<ChannelCheck>, ConfigError> {
         checks.push(ChannelCheck { name: "linear", units: ("", ""), report, length_scales, step_time });
     }
     match checks.is_empty() {
-        true => file.estimator().map(|_| checks),
+        true => assemble::estimator(file).map(|_| checks),
         false => Ok(checks),
     }
 }
@@ -161,7 +162,7 @@ pub fn unproven(file: &ConfigFile, estimator: &Estimator) -> Vec<String> {
         let certificate = body.and_then(RigidBodyObserver::rotation_certificate);
         warn("rotation", String::new(), certificate, rotation.dead_zone);
     }
-    if let (Some(linear), Ok(Some(design))) = (&file.config.linear, file.linear_design()) {
+    if let (Some(linear), Ok(Some(design))) = (&file.config.linear, assemble::linear_design(file)) {
         let hidden = design.unobservable_states(linear.state_names.as_deref()).join(", ");
         let certificate = estimator.linear.as_ref().and_then(LinearObserver::certificate);
         warn("linear", hidden, certificate, linear.dead_zone);

@@ -5,10 +5,10 @@
 //!
 //! A tick is [`Engine::begin`], [`Engine::take`] for each sample, [`Engine::conclude`]: no allocation, no system call.
 
-use crate::config::{Clock, Config, DeadlineConfig, InputConfig};
+use crate::config::{Clock, Config, DeadlineConfig, InputConfig, OutlierAction};
 use crate::estimator::{ChannelName, Estimator, EstimatorState, VehicleEstimate};
 use crate::gate::{Accepted, Gate, GateState};
-use observer::{ChannelReport, Doubt};
+use observer::ChannelReport;
 use serde::{Deserialize, Serialize};
 use shared_types::payload::{Channel, Estimate, Measurement, Rejection, status_bits};
 
@@ -182,8 +182,8 @@ impl Engine {
             *count += u64::from(stuck);
             self.tick.status |= bit(stuck, status_bits::STUCK);
         }
-        let teaches = stuck.map(|stuck| !(stuck && self.limits.stuck == Doubt::Adaptation));
-        if self.limits.stuck == Doubt::Correction {
+        let teaches = stuck.map(|stuck| !(stuck && self.limits.stuck == OutlierAction::Adaptation));
+        if self.limits.stuck == OutlierAction::Correction {
             sample.velocity = sample.velocity.filter(|_| !stuck[0]);
             sample.angular_velocity_rad_s = sample.angular_velocity_rad_s.filter(|_| !stuck[1]);
             linear.output = linear.output.filter(|_| !stuck[2]);
@@ -484,6 +484,7 @@ pub fn to_payload(state: &VehicleEstimate) -> Estimate {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::assemble;
     use crate::config::ConfigFile;
 
     const START_NS: u64 = 1_000_000_000_000;
@@ -492,7 +493,7 @@ mod tests {
     fn engine(change: impl FnOnce(&mut Config)) -> Engine {
         let mut file = ConfigFile::preset("rigid-body").unwrap();
         change(&mut file.config);
-        Engine::new(&file.config, file.estimator().unwrap())
+        Engine::new(&file.config, assemble::estimator(&file).unwrap())
     }
 
     /// A body that moves gently, pulled by a force along x that nobody commands.

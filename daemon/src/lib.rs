@@ -11,7 +11,8 @@
 //!
 //! | module | holds |
 //! |---|---|
-//! | [`config`] | TOML in, checked design out |
+//! | [`config`] | the configuration as data, a crate of its own |
+//! | [`assemble`] | configuration → observers |
 //! | [`check`] | what is proven for a configuration |
 //! | [`gate`] | which samples are accepted |
 //! | [`estimator`] | the observer of a configuration, of a rigid body or of a linear plant |
@@ -29,9 +30,9 @@
 //! (`bench demo`):
 #![cfg_attr(doc, doc = concat!("<div style=\"overflow-x:auto\">\n", include_str!("../../docs/demo.svg"), "</div>\n"))]
 
+pub mod assemble;
 pub mod check;
 pub mod cli;
-pub mod config;
 pub mod cycle;
 pub mod engine;
 pub mod estimator;
@@ -44,4 +45,5 @@ pub mod snapshot;
 pub mod system;
 pub mod threads;
 
+pub use daemon_config as config;
 pub use service::{Service, ServiceFiles, StartError};

@@ -1,5 +1,6 @@
 //! The running service: its threads, their order of start and end, and its files.
 
+use crate::assemble;
 use crate::check;
 use crate::config::{ConfigError, ConfigFile, RealTimeConfig, Trigger};
 use crate::cycle::{Cycle, LoopRings};
@@ -119,7 +120,7 @@ impl Service {
         instance: &str,
         files: &ServiceFiles,
     ) -> Result<Self, StartError> {
-        let estimator = config.estimator()?;
+        let estimator = assemble::estimator(config)?;
         check::local_solvers(&estimator).iter().for_each(|sentence| say!("{sentence}"));
         check::unproven(config, &estimator).iter().for_each(|sentence| say!("warning: {sentence}"));
         config.check_cores(&allowed_cores())?;

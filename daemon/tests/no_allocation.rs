@@ -4,6 +4,7 @@ mod common;
 
 use allocation_counter::measure;
 use common::TestDomain;
+use daemon::assemble;
 use daemon::config::ConfigFile;
 use daemon::cycle::{Cycle, LoopRings, WakeUp};
 use daemon::engine::Engine;
@@ -29,7 +30,7 @@ fn ticks_of_a_service_allocate_nothing(preset: &str) {
     let (_commands, commands) = rtrb::RingBuffer::new(8);
     // With a flight record and snapshots, whose threads are not the loop's affair.
     let files = tempfile::tempdir().unwrap();
-    let engine = Engine::new(&file.config, file.estimator().unwrap());
+    let engine = Engine::new(&file.config, assemble::estimator(&file).unwrap());
     let path = files.path().join("vehicle.snapshot");
     let (snapshots, saver) = saver(Some(path.clone()), "vehicle", &file.config, (engine.n_kept(), false));
     let (saver, handle) = saver.unwrap();

@@ -13,6 +13,7 @@ use crate::plot;
 use crate::processes::{Child, OwnDomain, stop_flag};
 use anyhow::{Context, ensure};
 use clap::Args;
+use daemon::assemble;
 use daemon::config::ConfigFile;
 use errors::{Errors, Run, error_at};
 use faults::FaultReport;
@@ -98,8 +99,8 @@ pub fn run(arguments: &DemoArguments) -> anyhow::Result<()> {
     );
     let preset = preset_of(arguments.scenario);
     let mut config = ConfigFile::preset(preset)?;
-    config.set_rate_hz(arguments.rate_hz.unwrap_or(config.config.rate_hz));
-    config.observer()?;
+    config.config.rate_hz = arguments.rate_hz.unwrap_or(config.config.rate_hz);
+    assemble::rigid_body(&config)?;
     let options = SimulationOptions {
         rate_hz: config.config.rate_hz,
         duration_s: Some(arguments.duration),

@@ -3,6 +3,7 @@
 //! stdout carries results, stderr the log. Exit codes: 0 done, 1 failed while running, 2 wrong usage or
 //! configuration.
 
+use crate::assemble;
 use crate::config::{ConfigError, ConfigFile, PRESETS, reference};
 use crate::log::say;
 use crate::service::{Service, ServiceFiles, StartError};
@@ -253,11 +254,10 @@ struct RealTimeArguments {
 
 impl RealTimeArguments {
     fn change(&self, file: &mut ConfigFile) {
-        file.set_real_time(|real_time| {
-            real_time.required |= self.require_real_time;
-            real_time.priority = self.priority.or(real_time.priority);
-            real_time.cores = self.cores.clone().or(real_time.cores.take());
-        });
+        let real_time = &mut file.config.real_time;
+        real_time.required |= self.require_real_time;
+        real_time.priority = self.priority.or(real_time.priority);
+        real_time.cores = self.cores.clone().or(real_time.cores.take());
     }
 }
 
@@ -325,7 +325,7 @@ impl DesignArguments {
             None => ConfigFile::preset(&self.preset)?,
         };
         if let Some(rate_hz) = self.rate_hz {
-            file.set_rate_hz(rate_hz);
+            file.config.rate_hz = rate_hz;
         }
         Ok(file)
     }
@@ -427,7 +427,7 @@ fn show_snapshot(file: &Path, json: bool) -> anyhow::Result<()> {
 
 fn config(design: &DesignArguments) -> anyhow::Result<()> {
     let file = design.read()?;
-    file.estimator()?;
+    assemble::estimator(&file)?;
     outln!("{}", file.commented_toml().trim_end());
     Ok(())
 }

@@ -1,6 +1,7 @@
 //! Replay of a flight record: the same engine, the same samples and instants, and every published estimate compared.
 
 use super::{Entry, Frame, Reader, Session};
+use crate::assemble;
 use crate::config::ConfigError;
 use crate::engine::Engine;
 use serde::Serialize;
@@ -108,7 +109,7 @@ impl Replay {
         let config_error =
             |cause| ReplayError::Config { program_version: session.program_version.clone(), cause };
         let file = session.config_file().map_err(config_error)?;
-        let mut engine = Engine::new(&file.config, file.estimator().map_err(config_error)?);
+        let mut engine = Engine::new(&file.config, assemble::estimator(&file).map_err(config_error)?);
         if let Some(kept) = &session.kept {
             engine.resume(kept).map_err(ReplayError::Kept)?;
         }

@@ -2,6 +2,7 @@
 
 #![no_main]
 
+use daemon::assemble;
 use daemon::config::{Config, ConfigFile};
 use libfuzzer_sys::fuzz_target;
 
@@ -22,7 +23,7 @@ fuzz_target!(|bytes: &[u8]| {
         printed.lines().skip(1).collect::<Vec<_>>()
     );
     if n_centers(&file.config) <= MOST_CENTERS {
-        match file.estimator() {
+        match assemble::estimator(&file) {
             Ok(mut estimator) => {
                 let estimate = daemon::engine::to_payload(&estimator.estimate(1));
                 assert!(estimate.is_finite(), "{estimate:?}");

@@ -3,6 +3,7 @@
 
 #![no_main]
 
+use daemon::assemble;
 use daemon::config::ConfigFile;
 use daemon::engine::Engine;
 use daemon::snapshot::Snapshot;
@@ -12,7 +13,7 @@ use std::cell::LazyCell;
 thread_local! {
     static START: LazyCell<(ConfigFile, Engine)> = const { LazyCell::new(|| {
         let file = ConfigFile::preset("paper-translation").unwrap();
-        let engine = Engine::new(&file.config, file.estimator().unwrap());
+        let engine = Engine::new(&file.config, assemble::estimator(&file).unwrap());
         (file, engine)
     }) };
 }

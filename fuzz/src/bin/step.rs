@@ -3,6 +3,7 @@
 
 #![no_main]
 
+use daemon::assemble;
 use daemon::config::{Clock, ConfigFile};
 use daemon::engine::{Engine, Kept, LoopCommand};
 use fuzz::Bytes;
@@ -40,7 +41,7 @@ thread_local! {
         files.push(by_samples);
         files
             .iter()
-            .map(|file| (Engine::new(&file.config, file.estimator().unwrap()), file.config.clock))
+            .map(|file| (Engine::new(&file.config, assemble::estimator(&file).unwrap()), file.config.clock))
             .collect()
     }) };
 }

@@ -9,6 +9,7 @@ mod facts;
 mod lateness;
 mod memory;
 
+use crate::assemble;
 use crate::cli::PlaceArguments;
 use crate::config::{ConfigFile, PRESETS, RealTimeConfig};
 use crate::log::say;
@@ -139,7 +140,7 @@ pub(crate) fn run(arguments: &DoctorArguments) -> anyhow::Result<()> {
         (None, None) => None,
     };
     if let Some(file) = &file {
-        file.check_service()?;
+        assemble::check(file)?;
     }
     let domain = arguments.place.domain()?;
     let config = file.as_ref().map(|file| &file.config);
