@@ -1,6 +1,6 @@
 //! `bench jitter`: how late the service's cycle wakes up.
 //!
-//! It is the cycle's own wait that is measured ([`daemon::cycle::wait_for_deadline`]), in a thread on a core
+//! It is the cycle's own wait that is measured ([`daemon::deadline::wait_for_deadline`]), in a thread on a core
 //! of its own, beside cyclictest at the same rate and priority on the same core. All take turns in slices of
 //! one run, so that drift hits all alike. As cyclictest does, we lock memory and hold the processor awake;
 //! what was not granted is said.
@@ -10,7 +10,7 @@ use crate::machine::Machine;
 use crate::processes::stop_flag;
 use crate::service::{parse_rate_hz, parse_seconds};
 use anyhow::{Context, anyhow, bail};
-use daemon::cycle::{skip_missed, wait_for_deadline};
+use daemon::deadline::{skip_missed, wait_for_deadline};
 use daemon::system::real_time::{self, Refused};
 use indicatif::{ProgressBar, ProgressStyle};
 use serde::Serialize;

@@ -12,7 +12,7 @@ use crate::processes::{Child, OwnDomain, ServiceSettings, stop_flag};
 use anyhow::Context;
 use clap::ValueEnum;
 use daemon::config::PRESETS;
-use daemon::cycle::wait_for_deadline;
+use daemon::deadline::wait_for_deadline;
 use indicatif::{ProgressBar, ProgressStyle};
 use serde::Serialize;
 use shared_types::clock::monotonic_ns;

@@ -18,6 +18,7 @@
 //! | [`estimator`] | the observer of a configuration, of a rigid body or of a linear plant |
 //! | [`engine`] | all that decides an estimate, without clock and ports |
 //! | [`cycle`] | the tick |
+//! | [`deadline`] | waiting for the next one |
 //! | [`ports`] | the iceoryx2 ports of the service |
 //! | [`snapshot`] | what was learned, in a file; resumed at the start |
 //! | [`record`] | the flight record, and its replay to the same bits |
@@ -34,9 +35,12 @@ pub mod assemble;
 pub mod check;
 pub mod cli;
 pub mod cycle;
+pub mod deadline;
 pub mod engine;
 pub mod estimator;
 pub mod gate;
+mod latency;
+pub mod limits;
 mod log;
 pub mod ports;
 pub mod record;

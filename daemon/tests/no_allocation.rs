@@ -6,7 +6,8 @@ use allocation_counter::measure;
 use common::TestDomain;
 use daemon::assemble;
 use daemon::config::ConfigFile;
-use daemon::cycle::{Cycle, LoopRings, WakeUp};
+use daemon::cycle::{Cycle, LoopRings};
+use daemon::deadline::WakeUp;
 use daemon::engine::Engine;
 use daemon::ports::LoopPorts;
 use daemon::record::{Session, recorder};
@@ -73,7 +74,7 @@ fn ticks_of_a_service_allocate_nothing(preset: &str) {
         }
         if j == 500 {
             let (answer, _) = std::sync::mpsc::sync_channel(1);
-            handle.wishes.send(answer).unwrap();
+            handle.save_requests.send(answer).unwrap();
             // Until the saver has asked.
             std::thread::sleep(Duration::from_millis(50));
         }

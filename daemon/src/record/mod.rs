@@ -21,8 +21,8 @@ mod replay;
 pub use replay::{Difference, SessionReport, check};
 
 use crate::config::{Config, ConfigFile};
-use crate::cycle::MOST_SAMPLES_PER_TICK;
 use crate::engine::{Kept, LoopCommand};
+use crate::limits::MAX_SAMPLES_PER_TICK;
 use crate::log::say;
 use rustix::fs::{FlockOperation, OFlags, fcntl_setfl, flock};
 use serde::{Deserialize, Serialize};
@@ -147,7 +147,7 @@ impl RecorderRing {
     /// Begins a tick, which is taken as a whole or not at all.
     pub fn begin_tick(&mut self, begin: &Entry) {
         let Some(ring) = &mut self.ring else { return };
-        self.leaves_out = ring.slots() < MOST_SAMPLES_PER_TICK + ENTRIES_BESIDE_SAMPLES;
+        self.leaves_out = ring.slots() < MAX_SAMPLES_PER_TICK + ENTRIES_BESIDE_SAMPLES;
         if self.leaves_out {
             self.missing += 1;
             self.left_out += 1;
@@ -493,7 +493,7 @@ mod tests {
 
     #[test]
     fn a_tick_is_taken_whole_or_left_out_and_counted() {
-        let (ring, mut taken) = rtrb::RingBuffer::new(MOST_SAMPLES_PER_TICK + ENTRIES_BESIDE_SAMPLES + 2);
+        let (ring, mut taken) = rtrb::RingBuffer::new(MAX_SAMPLES_PER_TICK + ENTRIES_BESIDE_SAMPLES + 2);
         let mut ring = RecorderRing { ring: Some(ring), leaves_out: false, missing: 0, left_out: 0 };
         let tick = |ring: &mut RecorderRing| {
             ring.begin_tick(&Entry::Begin { wake_ns: 0, late_ticks_in_a_row: 0 });
