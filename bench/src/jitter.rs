@@ -1,6 +1,6 @@
 //! `bench jitter`: how late the service's cycle wakes up.
 //!
-//! The cycle's own wait is measured ([`daemon::cycle::wait_for_deadline`]), in a thread on a core of its own, beside
+//! The cycle's own wait is measured ([`daemon::deadline::wait_for_deadline`]), in a thread on a core of its own, beside
 //! cyclictest at the same rate and priority on the same core. All take turns in slices of one run, so that drift affects
 //! all alike. As cyclictest does, we lock memory and keep the processor awake; the report tells what was not granted.
 
@@ -10,7 +10,7 @@ use crate::harness::options::{parse_rate_hz, parse_seconds};
 use crate::harness::output::{progress_bar, say_if_stopped, show, table, three_digits, warn_of_debug_build};
 use crate::harness::processes::stop_flag;
 use anyhow::{Context, anyhow, bail};
-use daemon::cycle::{skip_missed, wait_for_deadline};
+use daemon::deadline::{skip_missed, wait_for_deadline};
 use daemon::system::real_time::{self, Refused};
 use serde::Serialize;
 use shared_types::clock::monotonic_ns;

@@ -104,7 +104,7 @@ const TICK_HZ: f64 = 200.0;
 fn through_engine(faults: &[&str]) -> (Vec<Tick>, Vec<u64>) {
     const START_NS: u64 = 1_000_000_000_000;
     let file = ConfigFile::preset("rigid-body").unwrap();
-    let mut engine = Engine::new(&file.config, file.estimator().unwrap());
+    let mut engine = Engine::new(&file.config, daemon::assemble::estimator(&file).unwrap());
     let faults = faults.iter().map(|fault| (*fault).to_owned()).collect::<Vec<_>>();
     let options =
         SimulationOptions { duration_s: Some(DURATION_S), ..SimulationOptions::of(Scenario::RigidBody) };

@@ -1,6 +1,7 @@
 //! The reference figures of the two examples, from the true plant of `sim_publisher` and the library: 200 Hz,
 //! x̂(0) = x(0), λ = 10, L_r = 0; RMS of the error's norm over the second half of 120 s.
 
+use daemon::assemble;
 use daemon::config::{ConfigFile, DeadZoneName, SymmetricMatrix};
 use daemon::gate::Gate;
 use nalgebra::Vector3;
@@ -48,14 +49,19 @@ fn translation(change: impl FnOnce(&mut daemon::config::TranslationConfig)) -> E
     let mut config = ConfigFile::preset("paper-translation").unwrap();
     change(config.config.translation.as_mut().unwrap());
     let (mut sums, mut rows) = ([0.0; 3], 0.0);
-    run(Scenario::Translation, 120.0, &mut config.observer().unwrap(), |t_s, truth, estimate, force| {
-        if t_s >= 60.0 {
-            sums[0] += (estimate.position_m - Vector3::from(truth.position_m)).norm_squared();
-            sums[1] += (estimate.velocity_m_s - Vector3::from(truth.velocity_m_s)).norm_squared();
-            sums[2] += (force - Vector3::from(truth.matched_force_n)).norm_squared();
-            rows += 1.0;
-        }
-    });
+    run(
+        Scenario::Translation,
+        120.0,
+        &mut assemble::rigid_body(&config).unwrap(),
+        |t_s, truth, estimate, force| {
+            if t_s >= 60.0 {
+                sums[0] += (estimate.position_m - Vector3::from(truth.position_m)).norm_squared();
+                sums[1] += (estimate.velocity_m_s - Vector3::from(truth.velocity_m_s)).norm_squared();
+                sums[2] += (force - Vector3::from(truth.matched_force_n)).norm_squared();
+                rows += 1.0;
+            }
+        },
+    );
     let [position_m, velocity_m_s, force_n] = sums.map(|sum: f64| (sum / rows).sqrt());
     println!("position {position_m:.4} m, velocity {velocity_m_s:.5} m/s, force {force_n:.4} N");
     Errors { position_m, velocity_m_s, force_n }
@@ -97,7 +103,7 @@ fn translation_with_a_low_gain() {
 fn rotation_with_the_papers_settings() {
     let config = ConfigFile::preset("paper-rotation").unwrap();
     let (mut angles, mut rates, mut rows) = (Vector3::zeros(), Vector3::zeros(), 0.0);
-    run(Scenario::Rotation, 100.0, &mut config.observer().unwrap(), |_, truth, estimate, _| {
+    run(Scenario::Rotation, 100.0, &mut assemble::rigid_body(&config).unwrap(), |_, truth, estimate, _| {
         let [w, x, y, z] = truth.attitude_wxyz;
         let q = nalgebra::UnitQuaternion::from_quaternion(nalgebra::Quaternion::new(w, x, y, z));
         let (roll, pitch, yaw) = q.euler_angles();

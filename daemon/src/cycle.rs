@@ -7,21 +7,21 @@
 //! on CLOCK_MONOTONIC; a late tick is counted and skipped over, never made up.
 
 use crate::config::{Config, Trigger};
+use crate::deadline::{WakeUp, skip_missed, wait_for_deadline};
 use crate::engine::{Engine, LoopCommand};
+use crate::limits::MAX_SAMPLES_PER_TICK;
 use crate::ports::LoopPorts;
 use crate::snapshot::SnapshotRing;
 use crate::threads::recorder::RecorderRing;
 use flight_record::Entry;
-use shared_types::clock::{monotonic_ns, sleep_until_ns};
+use shared_types::clock::monotonic_ns;
 use shared_types::payload::{Counters, Measurement, status_bits};
 use std::sync::atomic::{AtomicBool, Ordering};
 
-/// One tick takes at most this many samples: a flood cannot hold the loop.
-pub const MOST_SAMPLES_PER_TICK: usize = 256;
-/// Whoever polls for samples reads the clock only now and then: an empty look takes less than 0.1 µs.
+/// The polling loop reads the clock once in this many looks: an empty look takes less than 0.1 µs.
 const LOOKS_BETWEEN_CLOCKS: usize = 16;
 
-/// What one tick tells the attendant thread.
+/// What one tick tells the housekeeping thread.
 #[derive(Debug, Clone, Copy)]
 pub struct TickRecord {
     /// Deadline to wake-up (ns); `None` where a sample and not a deadline woke the loop.
@@ -50,11 +50,11 @@ pub struct TickRecord {
     pub frozen: bool,
 }
 
-/// The wait-free rings between the loop and the attendant thread.
+/// The wait-free rings between the loop and the housekeeping thread.
 pub struct LoopRings {
-    /// To the attendant.
+    /// To the housekeeping thread.
     pub records: rtrb::Producer<TickRecord>,
-    /// From the attendant.
+    /// From the housekeeping thread.
     pub commands: rtrb::Consumer<LoopCommand>,
     /// To the flight record.
     pub recorder: RecorderRing,
@@ -74,15 +74,6 @@ pub struct Cycle {
     /// As the engine said last.
     n_forgotten: u64,
     record: Option<TickRecord>,
-}
-
-/// A tick of the timer: when it was due, and when the loop woke.
-#[derive(Debug, Clone, Copy)]
-pub struct WakeUp {
-    /// When the loop woke (ns).
-    pub wake_ns: u64,
-    /// When it should have (ns); `None` where a sample woke it.
-    pub deadline_ns: Option<u64>,
 }
 
 impl Cycle {
@@ -139,10 +130,10 @@ impl Cycle {
         let late_ticks_in_a_row = self.late_ticks_in_a_row;
         self.rings.recorder.begin_tick(&Entry::Begin { wake_ns, late_ticks_in_a_row });
         self.engine.begin(wake_ns, late_ticks_in_a_row);
-        // Whoever polls serves each sample on its own: the look that finds the queue empty comes after
-        // publication, and every sample has its estimate.
-        let most_samples = if self.taken.is_some() { 1 } else { MOST_SAMPLES_PER_TICK };
-        for _ in 0..most_samples {
+        // A polling loop serves one sample a tick: every sample has its estimate, and the look that finds the queue
+        // empty comes after publication.
+        let max_samples = if self.taken.is_some() { 1 } else { MAX_SAMPLES_PER_TICK };
+        for _ in 0..max_samples {
             let Some((measurement, source)) = self.taken.take().or_else(|| self.ports.take()) else { break };
             self.rings.recorder.push(|| Entry::Sample { source, measurement });
             self.engine.take(&measurement, source);
@@ -187,7 +178,7 @@ impl Cycle {
                 self.engine.counters_mut().records_dropped += 1;
             }
         }
-        // A checkpoint that is being read stays as it is, unless a part of it was forgotten.
+        // While a checkpoint is read in parts it must not change, unless a channel was forgotten meanwhile.
         let snapshots = &mut self.rings.snapshots;
         if std::mem::replace(&mut self.n_forgotten, self.engine.n_forgotten()) != self.engine.n_forgotten() {
             snapshots.start_over();
@@ -211,53 +202,5 @@ impl Cycle {
             self.save();
         }
         self.rings.snapshots.read_at_once(&self.engine);
-    }
-}
-
-/// Moves a deadline to the next one of its grid that is not over, and counts those that are.
-pub fn skip_missed(deadline_ns: &mut u64, now_ns: u64, period_ns: u64) -> u64 {
-    *deadline_ns += period_ns;
-    let missed = match now_ns.checked_sub(*deadline_ns) {
-        Some(late_ns) if late_ns > 0 => late_ns / period_ns + 1,
-        _ => 0,
-    };
-    *deadline_ns += missed * period_ns;
-    missed
-}
-
-/// Sleeps to `spin_ns` before the deadline and polls the clock for the rest.
-pub fn wait_for_deadline(deadline_ns: u64, spin_ns: u64) -> WakeUp {
-    let sleep_end_ns = deadline_ns.saturating_sub(spin_ns);
-    loop {
-        let now_ns = monotonic_ns();
-        if now_ns >= deadline_ns {
-            return WakeUp { wake_ns: now_ns, deadline_ns: Some(deadline_ns) };
-        }
-        if now_ns < sleep_end_ns {
-            sleep_until_ns(sleep_end_ns);
-        } else {
-            std::hint::spin_loop();
-        }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::skip_missed;
-
-    #[test]
-    fn late_ticks_are_counted_and_skipped_over() {
-        for (now_ns, next_ns, misses) in [
-            (1010, 1100, 0),
-            (1100, 1100, 0),
-            (1101, 1200, 1),
-            (1199, 1200, 1),
-            (1201, 1300, 2),
-            (9950, 10_000, 89),
-        ] {
-            let mut deadline_ns = 1000;
-            assert_eq!(skip_missed(&mut deadline_ns, now_ns, 100), misses, "at {now_ns}");
-            assert_eq!(deadline_ns, next_ns, "at {now_ns}");
-        }
     }
 }

@@ -5,11 +5,11 @@
 //!
 //! A tick is [`Engine::begin`], [`Engine::take`] for each sample, [`Engine::conclude`]: no allocation, no system call.
 
-use crate::config::{Clock, Config, DeadlineConfig, InputConfig};
+use crate::config::{Clock, Config, DeadlineConfig, InputConfig, OutlierAction};
 use crate::estimator::{ChannelName, Estimator, EstimatorState, VehicleEstimate};
 use crate::gate::{Accepted, Gate, GateState};
 pub use flight_record::LoopCommand;
-use observer::{ChannelReport, Learn, OutlierAction};
+use observer::{ChannelReport, Learn};
 use serde::{Deserialize, Serialize};
 use shared_types::payload::{Channel, Counters, Estimate, Measurement, Rejection, status_bits};
 
@@ -439,6 +439,7 @@ pub fn to_payload(state: &VehicleEstimate) -> Estimate {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::assemble;
     use crate::config::ConfigFile;
 
     const START_NS: u64 = 1_000_000_000_000;
@@ -447,7 +448,7 @@ mod tests {
     fn engine(change: impl FnOnce(&mut Config)) -> Engine {
         let mut file = ConfigFile::preset("rigid-body").unwrap();
         change(&mut file.config);
-        Engine::new(&file.config, file.estimator().unwrap())
+        Engine::new(&file.config, assemble::estimator(&file).unwrap())
     }
 
     /// A body that moves gently, pulled by a force along x that is not commanded.

@@ -11,12 +11,14 @@
 //!
 //! | module | holds |
 //! |---|---|
-//! | [`config`] | TOML in, checked design out |
+//! | [`config`] | the configuration as data, a crate of its own |
+//! | [`assemble`] | configuration → observers |
 //! | [`check`] | what is proven for a configuration |
 //! | [`gate`] | which samples are accepted |
 //! | [`estimator`] | the observer of a configuration, of a rigid body or of a linear plant |
 //! | [`engine`] | all that decides an estimate, without clock and ports |
 //! | [`cycle`] | the tick |
+//! | [`deadline`] | waiting for the next one |
 //! | [`ports`] | the iceoryx2 ports of the service |
 //! | [`snapshot`] | what was learned, in a file; resumed at the start |
 //! | [`replay`] | a flight record, replayed to the same bits |
@@ -29,13 +31,16 @@
 //! (`bench demo`):
 #![cfg_attr(doc, doc = concat!("<div style=\"overflow-x:auto\">\n", include_str!("../../docs/demo.svg"), "</div>\n"))]
 
+pub mod assemble;
 pub mod check;
 pub mod cli;
-pub mod config;
 pub mod cycle;
+pub mod deadline;
 pub mod engine;
 pub mod estimator;
 pub mod gate;
+mod latency;
+pub mod limits;
 mod log;
 pub mod ports;
 pub mod replay;
@@ -44,4 +49,5 @@ pub mod snapshot;
 pub mod system;
 pub mod threads;
 
+pub use daemon_config as config;
 pub use service::{Service, ServiceFiles, StartError};

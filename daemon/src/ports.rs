@@ -1,4 +1,4 @@
-//! The ports of the loop: the only place of the daemon that names iceoryx2's ports of the hot path.
+//! The ports of the service: the only file of the daemon that names iceoryx2's ports.
 //!
 //! Everything is made under the domain's lock. `take` and `publish` neither allocate nor call the system;
 //! a loan allocates, so the next sample is loaned after publication, in the slack of the tick.
@@ -82,7 +82,7 @@ impl LoopPorts {
     pub fn publish(&mut self, estimate: &Estimate) {
         let sent = self.loan.take().is_some_and(|loan| loan.write_payload(*estimate).send().is_ok());
         if !sent {
-            // A reader's connection broke while it was looked for: it is gone now, the others shall be served.
+            // Sending fails when a reader's connection breaks meanwhile. The reader is gone; send again to the others.
             let _ = self.estimate.send_copy(*estimate);
         }
     }
@@ -96,15 +96,15 @@ impl LoopPorts {
         if self.loan.is_none() {
             self.loan = self.estimate.loan_uninit().ok();
             if let Some(loan) = &mut self.loan {
-                // Its cache lines are with the reader that had it last: they shall be back before the next tick.
+                // Writing now brings the cache lines back from the core of the last reader.
                 loan.payload_mut().write(Estimate::default());
             }
         }
     }
 }
 
-/// What the attendant thread reads and writes.
-pub struct AttendantPorts {
+/// What the housekeeping thread reads and writes.
+pub struct HousekeepingPorts {
     status: Publisher<ipc::Service, Status, ()>,
     control: Server<ipc::Service, Command, (), Reply, ()>,
     measurement: Topic<Measurement>,
@@ -112,7 +112,7 @@ pub struct AttendantPorts {
     _node: Node,
 }
 
-impl AttendantPorts {
+impl HousekeepingPorts {
     /// Makes the services `status`, `truth` and `control`, and opens `measurement` to see its sources.
     ///
     /// # Errors

@@ -1,5 +1,6 @@
 //! Replay of a flight record: the same engine, the same samples and instants, and every published estimate compared.
 
+use crate::assemble;
 use crate::config::{ConfigError, ConfigFile};
 use crate::engine::Engine;
 use flight_record::{Entry, Frame, Reader, Session};
@@ -114,7 +115,7 @@ impl Replay {
         let config_error =
             |cause| ReplayError::Config { program_version: session.program_version.clone(), cause };
         let file = config_of(session).map_err(config_error)?;
-        let mut engine = Engine::new(&file.config, file.estimator().map_err(config_error)?);
+        let mut engine = Engine::new(&file.config, assemble::estimator(&file).map_err(config_error)?);
         if let Some(bytes) = &session.checkpoint {
             let unreadable = |_| ReplayError::Checkpoint("a checkpoint of another program version".into());
             let checkpoint = postcard::from_bytes(bytes).map_err(unreadable)?;

@@ -1,15 +1,16 @@
 //! The running service: its threads, their order of start and end, and its files.
 
+use crate::assemble;
 use crate::check;
 use crate::config::{ConfigError, ConfigFile, RealTimeConfig, Trigger};
 use crate::cycle::{Cycle, LoopRings};
 use crate::engine::Engine;
 use crate::log::say;
-use crate::ports::{AttendantPorts, LoopPorts, PortsError};
+use crate::ports::{HousekeepingPorts, LoopPorts, PortsError};
 use crate::snapshot::{self, SnapshotError, SnapshotLock};
 use crate::system::real_time::allowed_cores;
 use crate::system::settings::{self, OffTheLoop, Outcome};
-use crate::threads::housekeeping::{Attendant, AttendantRings};
+use crate::threads::housekeeping::{Housekeeping, HousekeepingRings};
 use crate::threads::recorder::{self, RecorderRing};
 use shared_types::domain::InstanceClaim;
 use shared_types::service::{ServiceError, check_instance_name};
@@ -20,10 +21,10 @@ use std::sync::{Arc, OnceLock, mpsc};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-/// A disk that takes longer at the end is given up: whoever stops a service wants it to stop.
+/// At the end the service waits this long for the disk; then it stops without what was not written.
 const WRITERS_PATIENCE: Duration = Duration::from_secs(10);
-/// Tick records on their way to the attendant: a second and more at any usual rate.
-const RECORDS: usize = 8192;
+/// Tick records on their way to the housekeeping thread: more than a second of them at any usual rate.
+const MAX_RECORDS: usize = 8192;
 
 /// Why the service did not start.
 #[derive(Debug, thiserror::Error)]
@@ -93,7 +94,7 @@ impl ServiceFiles {
     }
 }
 
-/// A running service: a loop thread, an attendant thread, and where files are written, a thread for each.
+/// A running service: the loop's thread, the housekeeping thread, and one thread for each file that is written.
 #[derive(Debug)]
 pub struct Service {
     domain: Domain,
@@ -101,10 +102,10 @@ pub struct Service {
     snapshot_lock: Option<SnapshotLock>,
     stop_loop: Arc<AtomicBool>,
     stop_writers: Arc<AtomicBool>,
-    stop_attendant: Arc<AtomicBool>,
+    stop_housekeeping: Arc<AtomicBool>,
     loop_thread: Option<JoinHandle<()>>,
     writer_threads: Vec<JoinHandle<()>>,
-    attendant_thread: Option<JoinHandle<Status>>,
+    housekeeping_thread: Option<JoinHandle<Status>>,
 }
 
 impl Service {
@@ -119,7 +120,7 @@ impl Service {
         instance: &str,
         files: &ServiceFiles,
     ) -> Result<Self, StartError> {
-        let estimator = config.estimator()?;
+        let estimator = assemble::estimator(config)?;
         check::local_solvers(&estimator).iter().for_each(|sentence| say!("{sentence}"));
         check::unproven(config, &estimator).iter().for_each(|sentence| say!("warning: {sentence}"));
         config.check_cores(&allowed_cores())?;
@@ -150,19 +151,19 @@ impl Service {
         if let Some(path) = &files.record {
             let session = recorder::session(&config, instance, checkpoint.as_ref());
             let (ring, writer, progress) =
-                recorder::recorder(path, &session, config.rate_hz, crate::cycle::MOST_SAMPLES_PER_TICK)
+                recorder::recorder(path, &session, config.rate_hz, crate::limits::MAX_SAMPLES_PER_TICK)
                     .map_err(|cause| StartError::Record { path: path.display().to_string(), cause })?;
             recorder_ring = ring;
             (recorder, record_progress) = (Some(writer), Some(progress));
         }
         drop(checkpoint);
 
-        let (records_in, records_out) = rtrb::RingBuffer::new(RECORDS);
+        let (records_in, records_out) = rtrb::RingBuffer::new(MAX_RECORDS);
         let (commands_in, commands_out) = rtrb::RingBuffer::new(8);
         let loop_rings =
             LoopRings { records: records_in, commands: commands_out, recorder: recorder_ring, snapshots };
         let (saver, saver_handle) = saver.unzip();
-        let attendant_rings = AttendantRings {
+        let housekeeping_rings = HousekeepingRings {
             records: records_out,
             commands: commands_in,
             saver: saver_handle,
@@ -175,18 +176,18 @@ impl Service {
             snapshot_lock,
             stop_loop: Arc::default(),
             stop_writers: Arc::default(),
-            stop_attendant: Arc::default(),
+            stop_housekeeping: Arc::default(),
             loop_thread: None,
             writer_threads: Vec::new(),
-            attendant_thread: None,
+            housekeeping_thread: None,
         };
         let config_of_status = config.clone();
         let real_time: Arc<OnceLock<Outcome>> = Arc::default();
         let seen = Arc::clone(&real_time);
-        let stop = Arc::clone(&service.stop_attendant);
-        service.attendant_thread =
-            Some(spawn_with("attendant", domain, instance, AttendantPorts::make, move |ports| {
-                Attendant::new(ports, attendant_rings, &config_of_status, restored)
+        let stop = Arc::clone(&service.stop_housekeeping);
+        service.housekeeping_thread =
+            Some(spawn_with("housekeeping", domain, instance, HousekeepingPorts::make, move |ports| {
+                Housekeeping::new(ports, housekeeping_rings, &config_of_status, restored)
                     .with_real_time(seen)
                     .run(&stop)
             })?);
@@ -227,7 +228,7 @@ impl Service {
     pub fn is_running(&self) -> bool {
         self.loop_thread.as_ref().is_some_and(|thread| !thread.is_finished())
             && self.writer_threads.iter().all(|thread| !thread.is_finished())
-            && self.attendant_thread.as_ref().is_some_and(|thread| !thread.is_finished())
+            && self.housekeeping_thread.as_ref().is_some_and(|thread| !thread.is_finished())
     }
 
     fn finish(&mut self) -> Option<Status> {
@@ -250,9 +251,9 @@ impl Service {
                 ),
             }
         }
-        // The attendant ends last: its last status covers the last tick.
-        self.stop_attendant.store(true, Ordering::Relaxed);
-        let status = self.attendant_thread.take().and_then(|thread| thread.join().ok());
+        // Housekeeping ends last: its last status covers the last tick.
+        self.stop_housekeeping.store(true, Ordering::Relaxed);
+        let status = self.housekeeping_thread.take().and_then(|thread| thread.join().ok());
         (self.claim, self.snapshot_lock) = (None, None);
         // A domain still in use, or locked by a starting process, stays.
         let _ = self.domain.remove_if_unused();

@@ -487,7 +487,7 @@ pub struct Saver {
     filled: rtrb::Consumer<Copied>,
     /// The copy that is not on its way.
     blank: Option<Copied>,
-    wishes: mpsc::Receiver<SaveRequest>,
+    save_requests: mpsc::Receiver<SaveRequest>,
     progress: Arc<SaverProgress>,
 }
 
@@ -495,7 +495,7 @@ pub struct Saver {
 #[derive(Debug, Clone)]
 pub struct SaverHandle {
     /// To wish for a snapshot now.
-    pub wishes: mpsc::Sender<SaveRequest>,
+    pub save_requests: mpsc::Sender<SaveRequest>,
     /// What it has done.
     pub progress: Arc<SaverProgress>,
 }
@@ -511,7 +511,7 @@ pub fn saver(
     let (fill, filled) = rtrb::RingBuffer::new(2);
     let ring = SnapshotRing { requests: asked, filled: fill, filling: None };
     let saver = path.map(|path| {
-        let (wish, wishes) = mpsc::channel();
+        let (send, save_requests) = mpsc::channel();
         let progress = Arc::<SaverProgress>::default();
         let every_s = config.snapshot.save_every_s;
         let saver = Saver {
@@ -526,29 +526,29 @@ pub fn saver(
             requests: ask,
             filled,
             blank: Some(Copied { learned: vec![0.0; n_learned], ..Copied::default() }),
-            wishes,
+            save_requests,
             progress: Arc::clone(&progress),
         };
-        (saver, SaverHandle { wishes: wish, progress })
+        (saver, SaverHandle { save_requests: send, progress })
     });
     (ring, saver)
 }
 
 impl Saver {
-    /// Saves when it is time, when it is wished, and, after `stop`, what the loop handed over last.
+    /// Saves when it is time, on request, and, after `stop`, what the loop handed over last.
     pub fn run(mut self, stop: &AtomicBool) {
         let mut last = Instant::now();
         while !stop.load(Ordering::Acquire) {
-            let wish = self.wishes.recv_timeout(LOOK_EVERY).ok();
+            let request = self.save_requests.recv_timeout(LOOK_EVERY).ok();
             let is_time = self.save_every.is_some_and(|every| last.elapsed() >= every);
-            if wish.is_none() && !is_time {
+            if request.is_none() && !is_time {
                 continue;
             }
             last = Instant::now();
             let done = self.save(stop);
-            if let Some(wish) = wish {
+            if let Some(request) = request {
                 // Whoever does not wait any more needs no answer.
-                let _ = wish.send(done);
+                let _ = request.send(done);
             }
         }
         while let Ok(copy) = self.filled.pop() {

@@ -1,5 +1,6 @@
 //! docs/configuration.md and its schema are what the types say, and what both say is what the service does.
 
+use daemon::assemble;
 use daemon::config::{ConfigFile, PRESETS, reference};
 use serde_json::{Value, json};
 use std::path::Path;
@@ -105,7 +106,7 @@ fn by_schema(document: &toml::Table) -> Vec<String> {
 fn by_service(document: &toml::Table) -> Result<(), String> {
     let file =
         ConfigFile::parse("test.toml".into(), document.to_string()).map_err(|error| error.to_string())?;
-    file.estimator().map(|_| ()).map_err(|error| error.to_string())
+    assemble::estimator(&file).map(|_| ()).map_err(|error| error.to_string())
 }
 
 #[track_caller]

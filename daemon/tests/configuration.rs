@@ -4,6 +4,7 @@
 mod common;
 
 use common::{Daemon, TestDomain, finished};
+use daemon::assemble;
 use daemon::config::{ConfigFile, PRESETS};
 use std::io::Write;
 use std::process::Command;
@@ -29,7 +30,7 @@ fn refusal(text: &str) -> String {
         Err(error) => return error.to_string(),
         Ok(file) => file,
     };
-    file.estimator().expect_err(text).to_string()
+    assemble::estimator(&file).expect_err(text).to_string()
 }
 
 #[track_caller]
@@ -136,7 +137,15 @@ fn a_linear_plant_of_wrong_shape_is_refused_by_its_key() {
     // The local solver, which "auto" takes here, has no such matrix.
     let local = ConfigFile::parse("vehicle.toml".into(), good.replace("[13]", "[30000]")).unwrap();
     assert!(
-        local.estimator().unwrap().linear.unwrap().law().function().solver().to_string().contains("local")
+        assemble::estimator(&local)
+            .unwrap()
+            .linear
+            .unwrap()
+            .law()
+            .function()
+            .solver()
+            .to_string()
+            .contains("local")
     );
     assert_refused(&good.replace("200.0", "0.0"), &["line 4", "rate_hz"]);
     assert_refused(&good.replace("[13]", "[13, 2]"), &["linear.centers_lower"]);
@@ -149,7 +158,7 @@ fn kernels_of_every_kind_are_taken_and_unknown_ones_refused() {
     for kernel in ["sobolev-matern-2", "sobolev-matern-7", "gaussian", "wendland-c2", "wendland-c4"] {
         let text = GOOD.to_owned() + &format!("kernel = \"{kernel}\"\n");
         let file = ConfigFile::parse("vehicle.toml".into(), text).unwrap();
-        file.estimator().unwrap();
+        assemble::estimator(&file).unwrap();
     }
     assert_refused(&(GOOD.to_owned() + "kernel = \"matern\"\n"), &["line 14", "sobolev-matern-K"]);
     assert_refused(&(GOOD.to_owned() + "kernel = \"sobolev-matern-1\"\n"), &["line 14", "from 2 to"]);
@@ -163,7 +172,7 @@ fn solvers_are_taken_by_name_or_with_options() {
     let local = "solver = { kind = \"local\", block = 4, accuracy = 1e-3, truncation = 1e-4 }";
     for solver in ["solver = \"auto\"", "solver = \"dense\"", "solver = \"local\"", local] {
         let file = ConfigFile::parse("vehicle.toml".into(), with(solver)).unwrap();
-        file.estimator().unwrap();
+        assemble::estimator(&file).unwrap();
         // What `daemon config` prints means the same.
         let again = ConfigFile::parse("again".into(), file.commented_toml()).unwrap();
         assert_eq!(again.config, file.config, "{}", file.commented_toml());
@@ -184,7 +193,7 @@ fn the_automatic_solver_goes_by_the_number_of_centers() {
         let counts = format!("centers_per_axis = [{per_axis}, {per_axis}, {per_axis}]");
         let text = GOOD.replace("centers_per_axis = [3, 3, 3]", &counts);
         let file = ConfigFile::parse("vehicle.toml".into(), text).unwrap();
-        let estimator = file.estimator().unwrap();
+        let estimator = assemble::estimator(&file).unwrap();
         estimator.rigid_body.unwrap().translation().unwrap().function().solver().to_string()
     };
     assert_eq!(solver(3), "dense, exact");
@@ -237,7 +246,7 @@ fn every_preset_prints_as_commented_toml_that_reads_back_the_same() {
         let read = ConfigFile::parse("printed".into(), text.clone())
             .unwrap_or_else(|error| panic!("{error}\n{text}"));
         assert_eq!(read.config, ConfigFile::preset(name).unwrap().config);
-        read.estimator().unwrap();
+        assemble::estimator(&read).unwrap();
         for line in text.lines().filter(|line| line.contains(" = ") && !line.starts_with('#')) {
             let above = text.lines().take_while(|other| other != &line).last().unwrap();
             assert!(above.starts_with('#'), "{name}: no comment above: {line}");

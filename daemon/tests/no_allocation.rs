@@ -4,8 +4,10 @@ mod common;
 
 use allocation_counter::measure;
 use common::TestDomain;
+use daemon::assemble;
 use daemon::config::ConfigFile;
-use daemon::cycle::{Cycle, LoopRings, WakeUp};
+use daemon::cycle::{Cycle, LoopRings};
+use daemon::deadline::WakeUp;
 use daemon::engine::Engine;
 use daemon::ports::LoopPorts;
 use daemon::snapshot::{Snapshot, saver};
@@ -29,7 +31,7 @@ fn ticks_of_a_service_allocate_nothing(preset: &str) {
     let (_commands, commands) = rtrb::RingBuffer::new(8);
     // With a flight record and snapshots, whose threads are not the loop's affair.
     let files = tempfile::tempdir().unwrap();
-    let engine = Engine::new(&file.config, file.estimator().unwrap());
+    let engine = Engine::new(&file.config, assemble::estimator(&file).unwrap());
     let path = files.path().join("vehicle.snapshot");
     let (snapshots, saver) = saver(Some(path.clone()), "vehicle", &file.config, (engine.n_learned(), false));
     let (saver, handle) = saver.unwrap();
@@ -72,7 +74,7 @@ fn ticks_of_a_service_allocate_nothing(preset: &str) {
         }
         if j == 500 {
             let (answer, _) = std::sync::mpsc::sync_channel(1);
-            handle.wishes.send(answer).unwrap();
+            handle.save_requests.send(answer).unwrap();
             // Until the saver has asked.
             std::thread::sleep(Duration::from_millis(50));
         }

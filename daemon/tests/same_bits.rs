@@ -3,6 +3,7 @@
 mod common;
 
 use common::{Daemon, TestDomain};
+use daemon::assemble;
 use daemon::config::{ConfigFile, InputConfig};
 use daemon::engine::to_payload;
 use daemon::gate::Gate;
@@ -52,8 +53,8 @@ fn the_service_and_the_library_agree_to_the_bit() {
     assert_eq!(daemon.stop().0, Some(0));
 
     let mut config = ConfigFile::preset("auv").unwrap();
-    config.set_rate_hz(800.0);
-    let mut observer = config.estimator().unwrap();
+    config.config.rate_hz = 800.0;
+    let mut observer = assemble::estimator(&config).unwrap();
     let mut gate = Gate::new(InputConfig::default(), true);
     let mut samples = sent.iter().peekable();
     let mut compared = 0;

@@ -81,7 +81,7 @@ fn ready_then_fed_by_ticks_then_stopping() {
     domain.assert_clean();
 }
 
-/// The attendant looks every 5 ms and could feed every 20 ms. It feeds only when the loop ticked: here once a
+/// The housekeeping thread looks every 5 ms and could feed every 20 ms. It feeds only when the loop ticked: here once a
 /// second.
 #[test]
 fn a_loop_that_does_not_tick_feeds_nothing() {

@@ -5,6 +5,7 @@ mod common;
 
 use common::{Daemon, PATIENCE, TestDomain, daemon_command, finished, preset_between, wait_until};
 use daemon::ServiceFiles;
+use daemon::assemble;
 use daemon::config::ConfigFile;
 use daemon::engine::{Checkpoint, Engine};
 use daemon::snapshot::Snapshot;
@@ -58,7 +59,7 @@ fn another_engine_goes_on_to_the_bit() {
     let presets =
         ["rigid-body", "auv", "linear", "paper-translation"].map(|name| ConfigFile::preset(name).unwrap());
     for file in presets.into_iter().chain([local_preset()]) {
-        let mut engine = Engine::new(&file.config, file.estimator().unwrap());
+        let mut engine = Engine::new(&file.config, assemble::estimator(&file).unwrap());
         (0..600).for_each(|sequence| drop(tick(&mut engine, sequence)));
         engine.save();
         let mut learned = vec![0.0; engine.n_learned()];
@@ -78,7 +79,7 @@ fn another_engine_goes_on_to_the_bit() {
         let nothing = Checkpoint { learned: vec![0.0; kept.learned.len()], ..kept.clone() };
         let without_state = Checkpoint { state: None, ..kept.clone() };
         for (kept, same) in [(kept, true), (nothing, false), (without_state, false)] {
-            let mut other = Engine::new(&file.config, file.estimator().unwrap());
+            let mut other = Engine::new(&file.config, assemble::estimator(&file).unwrap());
             other.load(&kept).unwrap();
             let mut original = engine.clone();
             let is_same = (600..900).all(|j| tick(&mut original, j) == tick(&mut other, j));
@@ -91,7 +92,7 @@ fn another_engine_goes_on_to_the_bit() {
 #[test]
 fn a_damaged_snapshot_is_never_taken_for_a_whole_one() {
     let file = ConfigFile::preset("rigid-body").unwrap();
-    let engine = Engine::new(&file.config, file.estimator().unwrap());
+    let engine = Engine::new(&file.config, assemble::estimator(&file).unwrap());
     let snapshot = Snapshot {
         program_version: "1".into(),
         instance: "vehicle".into(),

@@ -1,5 +1,6 @@
 //! Any text as a configuration: a message or a service, never a panic; and what was accepted reads back as itself.
 
+use daemon::assemble;
 use daemon::config::{Config, ConfigFile};
 
 /// A design takes N³ operations: those of more centers are parsed and printed, not built.
@@ -20,7 +21,7 @@ pub(crate) fn run(bytes: &[u8]) {
         printed.lines().skip(1).collect::<Vec<_>>()
     );
     if n_centers(&file.config) <= MOST_CENTERS {
-        match file.estimator() {
+        match assemble::estimator(&file) {
             Ok(mut estimator) => {
                 let estimate = daemon::engine::to_payload(&estimator.estimate(1));
                 assert!(estimate.is_finite(), "{estimate:?}");

@@ -1,6 +1,7 @@
 //! Any bytes as a snapshot, with the right header and sum or without: a message, or a snapshot that an engine resumes
 //! from or refuses; what it then says is finite.
 
+use daemon::assemble;
 use daemon::config::ConfigFile;
 use daemon::engine::Engine;
 use daemon::snapshot::Snapshot;
@@ -9,7 +10,7 @@ use std::cell::LazyCell;
 thread_local! {
     static START: LazyCell<(ConfigFile, Engine)> = const { LazyCell::new(|| {
         let file = ConfigFile::preset("paper-translation").unwrap();
-        let engine = Engine::new(&file.config, file.estimator().unwrap());
+        let engine = Engine::new(&file.config, assemble::estimator(&file).unwrap());
         (file, engine)
     }) };
 }

@@ -2,6 +2,7 @@
 //! hang, and every estimate that would be published is finite.
 
 use crate::bytes::Bytes;
+use daemon::assemble;
 use daemon::config::{Clock, ConfigFile};
 use daemon::engine::{Checkpoint, Engine, LoopCommand};
 use shared_types::payload::{Channel, status_bits};
@@ -37,7 +38,7 @@ thread_local! {
         files.push(by_samples);
         files
             .iter()
-            .map(|file| (Engine::new(&file.config, file.estimator().unwrap()), file.config.clock))
+            .map(|file| (Engine::new(&file.config, assemble::estimator(&file).unwrap()), file.config.clock))
             .collect()
     }) };
 }

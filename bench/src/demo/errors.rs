@@ -1,6 +1,7 @@
 //! Errors of estimates against the truth at the same instant.
 
 use anyhow::{Context, ensure};
+use daemon::assemble;
 use daemon::config::ConfigFile;
 use daemon::engine::to_payload;
 use daemon::gate::Gate;
@@ -44,7 +45,7 @@ impl Run {
 
     /// The estimates that the same samples give at the same instants if nothing is learned.
     pub(super) fn without_adaptation(&self, config: &ConfigFile) -> anyhow::Result<Vec<Estimate>> {
-        let mut observer = config.observer()?;
+        let mut observer = assemble::rigid_body(&config)?;
         let mut gate = Gate::new(config.config.input, true);
         let mut measurements = self.measurements.iter().peekable();
         let estimates = self.estimates.iter().map(|estimate| {

@@ -22,6 +22,7 @@ use crate::harness::processes::stop_flag;
 use crate::plot::Figure;
 use anyhow::{Context, ensure};
 use clap::Args;
+use daemon::assemble;
 use daemon::config::ConfigFile;
 use errors::{Quantity, RmsMax, Run};
 use faults::FaultReport;
@@ -97,8 +98,8 @@ pub(crate) fn run(arguments: &DemoArguments) -> anyhow::Result<()> {
     );
     let preset = preset_of(arguments.scenario);
     let mut config = ConfigFile::preset(preset)?;
-    config.set_rate_hz(arguments.rate_hz.unwrap_or(config.config.rate_hz));
-    config.observer()?;
+    config.config.rate_hz = arguments.rate_hz.unwrap_or(config.config.rate_hz);
+    assemble::rigid_body(&config)?;
     let options = SimulationOptions {
         rate_hz: config.config.rate_hz,
         duration_s: Some(arguments.duration),

@@ -278,6 +278,7 @@ impl MeanSquare {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use daemon::assemble;
     use daemon::config::ConfigFile;
 
     /// v' = u/m, known exactly to the filter and to the observer: coasting has no error.
@@ -296,7 +297,8 @@ mod tests {
             .collect();
         let flight = Flight::new(samples, 0.5).unwrap();
         let config = ConfigFile::preset("acsl-x8").unwrap();
-        let ours = evaluate(&flight, ObserverEstimator(config.observer().unwrap(), Learn::ALL)).unwrap();
+        let observer = assemble::rigid_body(&config).unwrap();
+        let ours = evaluate(&flight, ObserverEstimator(observer, Learn::ALL)).unwrap();
         let filter = KalmanFilter::new(2.2, 0.0, 0.01);
         let gravity = Vector3::new(0.0, 0.0, 2.2 * 9.81);
         let theirs = evaluate(&flight, KalmanEstimator::new(filter, gravity)).unwrap();

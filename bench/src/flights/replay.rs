@@ -14,6 +14,7 @@ use crate::harness::output::{show, table};
 use crate::plot::{self, Figure, Line, LineStyle, Panel};
 use anyhow::Context;
 use clap::Args;
+use daemon::assemble;
 use observer::Learn;
 use serde::Serialize;
 use shared_types::outln;
@@ -80,8 +81,9 @@ pub(crate) fn run(arguments: &ReplayArguments) -> anyhow::Result<()> {
     }
     let Replay { config, flight, samples_rejected, rows_skipped } = arguments.flight.read()?;
     let translation = config.config.translation.as_ref().context("the configuration has no [translation]")?;
-    let learning = evaluate(&flight, ObserverEstimator(config.observer()?, Learn::ALL))?;
-    let fixed = evaluate(&flight, ObserverEstimator(config.observer()?, Learn::FROZEN))?;
+    let observer = assemble::rigid_body(&config)?;
+    let learning = evaluate(&flight, ObserverEstimator(observer.clone(), Learn::ALL))?;
+    let fixed = evaluate(&flight, ObserverEstimator(observer, Learn::FROZEN))?;
     let kalman = evaluate_kalman(&flight, translation)?;
     let best_step = best(&kalman, |accuracy| accuracy.one_step_rms_m_s);
     let best_coast = best(&kalman, |accuracy| accuracy.coast_rms_m_s);

@@ -23,6 +23,7 @@ use anyhow::{Context, ensure};
 use argmin::core::{CostFunction, Executor};
 use argmin::solver::neldermead::NelderMead;
 use clap::Args;
+use daemon::assemble;
 use daemon::config::{ConfigFile, LengthScaleConfig, SymmetricMatrix, TranslationConfig};
 use indicatif::ProgressBar;
 use nalgebra::Vector3;
@@ -146,7 +147,7 @@ pub(crate) fn run(arguments: &TuneArguments) -> anyhow::Result<()> {
     ensure!((0.0..=1.0).contains(&weight), "--coast-weight {weight}: needed: 0 … 1");
     let Replay { config: start, flight, .. } = arguments.flight.read()?;
     let translation = start.config.translation.as_ref().context("the configuration has no [translation]")?;
-    start.observer()?;
+    assemble::rigid_body(&start)?;
     let first_half = flight.first_half()?;
     let base = values_of(translation, &first_half)?;
 
@@ -176,7 +177,7 @@ pub(crate) fn run(arguments: &TuneArguments) -> anyhow::Result<()> {
     let values = search.values(coordinates).context("the best one is within the bounds")?;
     let tuned = search.config(&values);
     let errors = |config: &ConfigFile, flight: &Flight| -> anyhow::Result<Errors> {
-        let accuracy = evaluate(flight, ObserverEstimator(config.observer()?, Learn::ALL))?;
+        let accuracy = evaluate(flight, ObserverEstimator(assemble::rigid_body(&config)?, Learn::ALL))?;
         let (one_step_rms_m_s, coast_rms_m_s) = (accuracy.one_step_rms_m_s, accuracy.coast_rms_m_s);
         Ok(Errors { one_step_rms_m_s, coast_rms_m_s })
     };
@@ -421,7 +422,7 @@ fn block_errors(flight: &Flight, config: &ConfigFile) -> anyhow::Result<Vec<[f64
     let mut sums: Vec<[MeanLog; 2]> = (0..N_BLOCKS).map(|_| Default::default()).collect();
     let learned_in = flight.half;
     let length = (flight.samples.len() - learned_in).div_ceil(N_BLOCKS);
-    fly(flight, ObserverEstimator(config.observer()?, Learn::ALL), |index, finding| {
+    fly(flight, ObserverEstimator(assemble::rigid_body(&config)?, Learn::ALL), |index, finding| {
         let Some(after) = index.checked_sub(learned_in) else { return };
         let block = &mut sums[after / length];
         match finding {

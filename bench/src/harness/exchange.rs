@@ -1,7 +1,7 @@
 //! The vehicle's side of a measured exchange: a sample goes out, the estimate that holds it comes back.
 
 use anyhow::bail;
-use daemon::cycle::wait_for_deadline;
+use daemon::deadline::wait_for_deadline;
 use shared_types::client::{MeasurementPublisher, Stream};
 use shared_types::clock::monotonic_ns;
 use shared_types::payload::Estimate;

@@ -7,3 +7,4 @@ pub mod machine;
 pub mod real_time;
 pub mod service_manager;
 pub mod settings;
+pub mod state_directory;

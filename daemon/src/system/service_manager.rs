@@ -1,8 +1,8 @@
 //! What the service manager (systemd, `Type=notify`) is told: ready, alive, stopping, and a line for people.
 //!
-//! Alive means that the loop ticked: the attendant feeds the watchdog only when the loop's tick counter has
+//! Alive means that the loop ticked: the housekeeping thread feeds the watchdog only when the loop's tick counter has
 //! advanced since the last time. A loop that hangs is therefore killed and started again, although the
-//! attendant still runs. Without a service manager (`NOTIFY_SOCKET`) all of this does nothing.
+//! housekeeping thread still runs. Without a service manager (`NOTIFY_SOCKET`) all of this does nothing.
 
 use sd_notify::NotifyState;
 use shared_types::Status;
@@ -13,7 +13,7 @@ const FEEDINGS_PER_TIMEOUT: u32 = 4;
 const LINE_EVERY: Duration = Duration::from_secs(2);
 
 fn tell(states: &[NotifyState<'_>]) {
-    // A manager that cannot be reached is no concern of the loop's: it will act on the silence.
+    // A failure is ignored: a manager that hears nothing restarts the service.
     let _ = sd_notify::notify(states);
 }
 
@@ -27,7 +27,7 @@ pub fn tell_stopping() {
     tell(&[NotifyState::Stopping]);
 }
 
-/// The attendant's connection to the service manager.
+/// The housekeeping thread's connection to the service manager.
 #[derive(Debug)]
 pub struct ServiceManager {
     watchdog: Option<Watchdog>,

@@ -1,31 +1,34 @@
-//! The attendant: everything of the service that is not the loop. It gathers the loop's records, publishes
-//! the status, answers commands and writes the log, on a thread of its own.
+//! The housekeeping thread: it gathers the loop's records, publishes the status, answers commands and writes the log.
 
 use crate::config::Config;
 use crate::cycle::TickRecord;
 use crate::engine::LoopCommand;
+use crate::latency::Latency;
 use crate::log::say;
-use crate::ports::AttendantPorts;
+use crate::ports::HousekeepingPorts;
 use crate::snapshot::SaverHandle;
 use crate::system::service_manager::ServiceManager;
 use crate::system::settings::Outcome;
 use crate::threads::recorder::RecorderProgress;
-use hdrhistogram::Histogram;
 use shared_types::clock::monotonic_ns;
-use shared_types::payload::{Counters, LatencySummary, Rejection, Reply, Status, command, outcome};
+use shared_types::payload::{Counters, Rejection, Reply, Status, command, outcome};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, OnceLock, mpsc};
 use std::time::{Duration, Instant};
 
 const LOOK_EVERY: Duration = Duration::from_millis(5);
 const STATUS_EVERY: Duration = Duration::from_millis(200);
-/// A loop that has not carried out a command after this long is stuck, and the operator is told so.
+/// A loop that has not carried out a command after this long is reported as stuck.
 const LOOP_PATIENCE: Duration = Duration::from_secs(2);
-/// A disk may be slow, and a million centers are read in parts.
+/// Longest wait for a snapshot: a disk may be slow, and a million centers are read in parts.
 const SAVE_PATIENCE: Duration = Duration::from_secs(120);
+/// Rare samples are logged after this many statuses in a row with them.
+const LOOKS_BEFORE_SAYING: u32 = 10;
+/// The channels by their measured quantity, as the counters of three are ordered.
+const QUANTITIES: [&str; 3] = ["velocity", "angular velocity", "output"];
 
-/// The wait-free rings between the attendant thread and the loop, and what the writers tell.
-pub struct AttendantRings {
+/// The wait-free rings between this thread and the loop, and the progress of the writers.
+pub struct HousekeepingRings {
     /// From the loop.
     pub records: rtrb::Consumer<TickRecord>,
     /// To the loop.
@@ -36,10 +39,10 @@ pub struct AttendantRings {
     pub record_progress: Option<Arc<RecorderProgress>>,
 }
 
-/// The attendant's state.
-pub struct Attendant {
-    ports: AttendantPorts,
-    rings: AttendantRings,
+/// The thread's state.
+pub struct Housekeeping {
+    ports: HousekeepingPorts,
+    rings: HousekeepingRings,
     newest: Option<TickRecord>,
     wake_up_lateness: Latency,
     step: Latency,
@@ -76,10 +79,10 @@ struct Logged {
     ticks_not_recorded: u64,
 }
 
-impl Attendant {
-    /// An attendant of a loop that starts now with this configuration and with what was `restored`, one of
+impl Housekeeping {
+    /// The housekeeping of a loop that starts now with this configuration and with what was `restored`, one of
     /// [`shared_types::payload::restored`].
-    pub fn new(ports: AttendantPorts, rings: AttendantRings, config: &Config, restored: u64) -> Self {
+    pub fn new(ports: HousekeepingPorts, rings: HousekeepingRings, config: &Config, restored: u64) -> Self {
         Self {
             ports,
             rings,
@@ -123,7 +126,7 @@ impl Attendant {
         self.publish_status()
     }
 
-    /// What cannot wait, whatever else is being done.
+    /// Gathers the records and feeds the watchdog; done also while a command is waited for.
     fn keep_up(&mut self) {
         self.gather();
         self.service_manager.feed_watchdog(self.newest.map_or(0, |record| record.counters.ticks));
@@ -228,14 +231,14 @@ impl Attendant {
     }
 
     fn save(&mut self) -> Reply {
-        let Some(SaverHandle { wishes, .. }) = &self.rings.saver else {
+        let Some(SaverHandle { save_requests, .. }) = &self.rings.saver else {
             let message = "no directory for snapshots: start it with --state DIR";
             return Reply::new(outcome::REFUSED, message, self.status());
         };
         let (answer, answered) = mpsc::sync_channel(1);
-        let wished = wishes.send(answer).is_ok();
+        let requested = save_requests.send(answer).is_ok();
         let deadline = Instant::now() + SAVE_PATIENCE;
-        while wished && Instant::now() < deadline {
+        while requested && Instant::now() < deadline {
             self.keep_up();
             match answered.recv_timeout(LOOK_EVERY) {
                 Ok(Ok(message)) => return Reply::new(outcome::DONE, &message, self.status()),
@@ -248,7 +251,7 @@ impl Attendant {
         Reply::new(outcome::REFUSED, &message, self.status())
     }
 
-    /// That the service runs, and what the system refused it, and why: the status has only bits for that.
+    /// That the service runs, and the system's reasons for what it refused: the status has only bits for that.
     fn running(&self) -> String {
         match self.real_time.get() {
             Some(real_time) if !real_time.refused.is_empty() => {
@@ -284,27 +287,19 @@ impl Attendant {
             self.logged.other_source = record.other_source;
         }
         for reason in Rejection::ALL {
-            let (now, before) =
-                (counters.samples_rejected[reason as usize], self.logged.rejected[reason as usize]);
-            // The first of a kind, then each power of ten: a flood of bad samples is no flood of lines.
-            if now.checked_ilog10() > before.checked_ilog10() {
-                say!("{now} samples rejected: {}", reason.words());
+            let rejected = counters.samples_rejected[reason as usize];
+            if is_news(&mut self.logged.rejected[reason as usize], rejected) {
+                say!("{rejected} samples rejected: {}", reason.words());
             }
-            self.logged.rejected[reason as usize] = now;
         }
         self.log_rare_samples();
-        self.log_doubts();
+        self.log_outliers_and_lateness();
         if counters.state_resets != self.logged.state_resets {
             self.logged.state_resets = counters.state_resets;
             say!("warning: the state left its limits and fell back ({} times)", counters.state_resets);
         }
     }
-}
 
-/// After this many looks in a row the operator is told.
-const LOOKS_BEFORE_SAYING: u32 = 10;
-
-impl Attendant {
     /// Samples that keep coming, and yet many ticks that coast: the source is slower than configured.
     fn log_rare_samples(&mut self) {
         let Some(record) = &self.newest else { return };
@@ -324,21 +319,11 @@ impl Attendant {
             );
         }
     }
-}
 
-/// The channels by their measured quantity, as the counters of three are ordered.
-const QUANTITIES: [&str; 3] = ["velocity", "angular velocity", "output"];
-
-impl Attendant {
-    /// Outputs that were doubted, and a loop that is late: the first of a kind, then each power of ten.
-    fn log_doubts(&mut self) {
+    /// Outputs that were held back, stuck sensors, and a loop that is late.
+    fn log_outliers_and_lateness(&mut self) {
         let Some(record) = &self.newest else { return };
         let counters = record.counters;
-        let is_news = |before: &mut u64, now: u64| {
-            let is_news = now.checked_ilog10() > before.checked_ilog10();
-            *before = now;
-            is_news
-        };
         let logged = &mut self.logged;
         for (place, quantity) in QUANTITIES.into_iter().enumerate() {
             let (held_back, stuck) = (counters.outputs_held_back[place], counters.outputs_stuck[place]);
@@ -375,28 +360,9 @@ impl Attendant {
     }
 }
 
-/// A histogram of one latency: 1 ns to 100 s, three significant digits.
-pub(crate) struct Latency(Histogram<u64>);
-
-impl Latency {
-    pub(crate) fn new() -> Self {
-        Self(Histogram::new_with_bounds(1, 100_000_000_000, 3).expect("constant bounds"))
-    }
-
-    pub(crate) fn note(&mut self, value_ns: Option<u64>) {
-        if let Some(value_ns) = value_ns {
-            self.0.saturating_record(value_ns);
-        }
-    }
-
-    pub(crate) fn summary(&self) -> LatencySummary {
-        LatencySummary {
-            count: self.0.len(),
-            p50: self.0.value_at_quantile(0.5),
-            p90: self.0.value_at_quantile(0.9),
-            p99: self.0.value_at_quantile(0.99),
-            p999: self.0.value_at_quantile(0.999),
-            max: self.0.max(),
-        }
-    }
+/// Whether a count is to be logged: its first, then each power of ten, so that a flood of events is no flood of lines.
+fn is_news(before: &mut u64, now: u64) -> bool {
+    let is_news = now.checked_ilog10() > before.checked_ilog10();
+    *before = now;
+    is_news
 }

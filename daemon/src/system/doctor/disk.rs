@@ -1,7 +1,8 @@
 //! The disk, as far as snapshots need it.
 
-use super::Fact;
-use crate::{cli, snapshot};
+use super::fact::Fact;
+use crate::snapshot;
+use crate::system::state_directory::{STATE_VARIABLE, state_directory};
 use std::fs::OpenOptions;
 use std::io::Write;
 use std::path::Path;
@@ -15,8 +16,8 @@ const SLOW_MS: f64 = 2000.0;
 /// Whether snapshots can be written where they would be, and how long it takes.
 pub(super) fn snapshots() -> Fact {
     const NAME: &str = "snapshots";
-    let asked = std::env::var_os(cli::STATE_VARIABLE);
-    let Some(directory) = cli::state_directory(asked.as_deref().map(Path::new)) else {
+    let asked = std::env::var_os(STATE_VARIABLE);
+    let Some(directory) = state_directory(asked.as_deref().map(Path::new)) else {
         let remedy = "set HOME, or start with --state DIR";
         return Fact::better(NAME, "no directory for them: nothing learned is kept", remedy);
     };

@@ -1,6 +1,6 @@
 //! What punctuality depends on, apart from memory: rights, cores, clock, kernel.
 
-use super::{Fact, Plan};
+use super::fact::{Fact, Plan};
 use crate::system::machine;
 use crate::system::{real_time, settings};
 use rustix::process::{Resource, getrlimit};
@@ -10,7 +10,7 @@ use std::path::Path;
 /// Reading the clock through the vDSO takes some tens of nanoseconds; a system call takes more than this.
 const SYSTEM_CALL_NS: u64 = 150;
 /// A hypervisor that takes more than this part of the processors makes every figure a matter of luck.
-const LARGEST_STOLEN_SHARE: f64 = 0.001;
+const MAX_STOLEN_SHARE: f64 = 0.001;
 
 pub(super) fn all(plan: &Plan, before: Option<ProcessorTime>) -> Vec<Fact> {
     vec![
@@ -169,7 +169,7 @@ fn hypervisor(before: Option<ProcessorTime>) -> Fact {
         _ => 0.0,
     };
     let found = format!("{:.2} % of processor time stolen while measuring", 100.0 * stolen);
-    if stolen > LARGEST_STOLEN_SHARE {
+    if stolen > MAX_STOLEN_SHARE {
         let remedy = "ask the host for processors of this machine's own (pinned, not shared)";
         return Fact::bad(NAME, found, remedy);
     }
@@ -287,7 +287,7 @@ mod tests {
         let plan = Plan { rate_hz: 100.0, spin_us: 0.0, seconds: 0.1, priority: 10, cores: None };
         let facts = all(&plan, processor_time());
         for fact in &facts {
-            use super::super::Verdict;
+            use super::super::fact::Verdict;
             let needs_help = matches!(fact.verdict, Verdict::CouldBeBetter | Verdict::Bad);
             assert_eq!(needs_help, fact.remedy.is_some(), "{fact:?}");
             assert!(!fact.found.is_empty(), "{fact:?}");

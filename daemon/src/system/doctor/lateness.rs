@@ -1,12 +1,12 @@
 //! How late a thread wakes up, by what it asks of the system. All modes take turns, so that what else runs on
 //! the machine hits them alike; each turn is a thread of its own, with whose end its settings are gone.
 
-use super::Plan;
+use super::fact::Plan;
 use crate::config::RealTimeConfig;
-use crate::cycle::{skip_missed, wait_for_deadline};
+use crate::deadline::{skip_missed, wait_for_deadline};
+use crate::latency::Latency;
 use crate::system::real_time::stay_on_cores;
 use crate::system::settings;
-use crate::threads::housekeeping::Latency;
 use serde::Serialize;
 use shared_types::LatencySummary;
 use shared_types::clock::monotonic_ns;
@@ -17,14 +17,22 @@ const TURNS: u32 = 4;
 /// What the waiting thread asks for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
-pub(super) enum Mode {
+pub enum Mode {
+    /// Nothing.
     Ordinary,
+    /// Timers without slack.
     PunctualTimers,
+    /// A fixed priority.
     Fifo,
+    /// No deep idle states.
     AwakeCores,
+    /// Memory that stays.
     LockedMemory,
+    /// All of these.
     Everything,
+    /// Nothing, and the clock is polled before the deadline.
     OrdinarySpin,
+    /// All of these, and the clock is polled before the deadline.
     EverythingSpin,
 }
 
@@ -40,7 +48,8 @@ impl Mode {
         Self::EverythingSpin,
     ];
 
-    pub(super) fn words(self, spin_us: f64, priority: u8) -> String {
+    /// In words.
+    pub fn words(self, spin_us: f64, priority: u8) -> String {
         match self {
             Self::Ordinary => "ordinary thread".into(),
             Self::PunctualTimers => "with punctual timers".into(),
@@ -75,11 +84,14 @@ impl Mode {
 
 /// One mode's figures.
 #[derive(Debug, Serialize)]
-pub(super) struct LatenessRow {
-    pub(super) mode: Mode,
-    pub(super) lateness_ns: Option<LatencySummary>,
+pub struct LatenessRow {
+    /// What was asked for.
+    pub mode: Mode,
+    /// Deadline to wake-up; `None` where the mode was refused.
+    pub lateness_ns: Option<LatencySummary>,
     #[serde(skip_serializing_if = "Option::is_none")]
-    lateness_ns_reason: Option<String>,
+    /// Why it was refused.
+    pub lateness_ns_reason: Option<String>,
 }
 
 fn wakes_per_turn(plan: &Plan) -> u32 {
@@ -87,7 +99,7 @@ fn wakes_per_turn(plan: &Plan) -> u32 {
 }
 
 /// How long [`measure`] takes (s).
-pub(super) fn seconds(plan: &Plan) -> f64 {
+pub fn seconds(plan: &Plan) -> f64 {
     f64::from(wakes_per_turn(plan) * TURNS) / plan.rate_hz * Mode::ALL.len() as f64
 }
 

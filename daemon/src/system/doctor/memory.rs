@@ -1,6 +1,6 @@
 //! Shared memory: whether it can be used, how much there is, and what dead processes left in it.
 
-use super::Fact;
+use super::fact::Fact;
 use rustix::fs::statvfs;
 use shared_types::Domain;
 use std::io::{Read, Seek, Write};
@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 
 const SEGMENTS: &str = "/dev/shm";
 /// One service with all its readers takes less than a megabyte; sixteen leave room for a fleet.
-const LEAST_FREE_BYTES: u64 = 16 << 20;
+const MIN_FREE_BYTES: u64 = 16 << 20;
 const TEST_BYTES: usize = 1 << 20;
 
 pub(super) fn all(domain: &Domain, instance: &str) -> Vec<Fact> {
@@ -49,7 +49,7 @@ fn shared_memory() -> Fact {
         bytes(space.f_bavail) >> 20,
         bytes(space.f_blocks) >> 20
     );
-    if bytes(space.f_bavail) < LEAST_FREE_BYTES {
+    if bytes(space.f_bavail) < MIN_FREE_BYTES {
         let remedy = format!(
             "remove what is stale in {SEGMENTS}, or sudo mount -o remount,size=64m {SEGMENTS} (containers: --shm-size=64m)"
         );

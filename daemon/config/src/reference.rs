@@ -1,32 +1,30 @@
 //! The reference of the configuration, for people and for editors, made from its types: `daemon config-reference`, and
 //! `docs/configuration.md` and `docs/configuration.schema.json`, which a test compares with it.
 
-use super::schema::{self, table};
+use crate::schema::{self, SCHEMA, properties, table};
 use serde_json::Value;
 
 /// The JSON schema, for editors.
 pub fn json_schema() -> String {
-    serde_json::to_string_pretty(&schema::schema()).expect("a schema is a JSON document") + "\n"
+    serde_json::to_string_pretty(&*SCHEMA).expect("a schema is a JSON document") + "\n"
 }
 
 /// Every table and key: type, unit, default, what is accepted, meaning, example; as Markdown.
 pub fn markdown() -> String {
-    let schema = schema::schema();
     let mut text = String::from(INTRODUCTION);
-    text += &section("Without a table", "", &schema);
-    for (name, schema) in properties(&schema).filter(|(_, schema)| table(schema).is_some()) {
+    text += &section("Without a table", "", &SCHEMA);
+    for (name, schema) in properties(&SCHEMA).filter(|(_, schema)| table(schema).is_some()) {
         text += &section(&format!("`[{name}]`"), name, schema);
     }
     // The same in every channel.
-    let solver = schema::find(&schema, "translation.solver").expect("a channel has a solver");
+    let solver = schema::find(&SCHEMA, "translation.solver").expect("a channel has a solver");
     let heading = "`[translation.solver]`, `[rotation.solver]`, `[linear.solver]`";
     text + &section(heading, "translation.solver", solver)
 }
 
 const INTRODUCTION: &str = r#"# Configuration
 
-<!-- Made from the types in daemon/src/config; after a change there:
-     UPDATE_REFERENCE=1 cargo test -p daemon --test config_reference -->
+<!-- Made from the types in daemon/config; after a change there: UPDATE_REFERENCE=1 cargo test -p daemon_config -->
 
 `daemon run --config FILE` reads one TOML file; `daemon run --preset NAME` a built-in one. Start from one of those, and ask
 what is proven for yours before it flies:
@@ -42,11 +40,6 @@ Editors complete and check keys by [configuration.schema.json](configuration.sch
 by a first line `#:schema PATH/configuration.schema.json`. `daemon config-reference` prints this text, with `--schema`
 that file.
 "#;
-
-fn properties(schema: &Value) -> impl Iterator<Item = (&str, &Value)> + Clone {
-    let table = table(schema).and_then(|table| table["properties"].as_object());
-    table.into_iter().flatten().map(|(name, schema)| (name.as_str(), schema))
-}
 
 fn section(heading: &str, path: &str, schema: &Value) -> String {
     let mut text = format!("\n## {heading}\n");
@@ -78,7 +71,7 @@ fn section(heading: &str, path: &str, schema: &Value) -> String {
 }
 
 /// A table as one may write it: what is required, or else all that there is.
-pub(super) fn whole_example(path: &str, schema: &Value) -> String {
+fn whole_example(path: &str, schema: &Value) -> String {
     let required = required(schema);
     let mut text = if path.is_empty() { String::new() } else { format!("[{path}]\n") };
     for (name, key) in properties(schema).filter(|(name, key)| {
@@ -92,7 +85,7 @@ pub(super) fn whole_example(path: &str, schema: &Value) -> String {
 }
 
 /// A value that a key accepts, its default first.
-pub(super) fn example(schema: &Value) -> Option<&Value> {
+fn example(schema: &Value) -> Option<&Value> {
     schema.get("default").or_else(|| schema["examples"].get(0))
 }
 
@@ -175,6 +168,16 @@ fn several(schema: &Value) -> String {
     count.map_or(what.clone(), |count| format!("{count} {what}"))
 }
 
+/// What a number outside of its bounds is answered with: the bounds and the unit.
+pub fn bounds_in_words(key: &str, schema: &Value) -> String {
+    let bounds = accepted(schema);
+    let number = if bounds.contains('…') { "" } else { "a finite number " };
+    match unit(key) {
+        "" => format!("{number}{bounds}"),
+        unit => format!("{number}{bounds} (in {unit})"),
+    }
+}
+
 /// Bounds, or the words.
 fn accepted(schema: &Value) -> String {
     let words: Vec<_> = words(schema).map(|(word, _)| format!("`\"{word}\"`")).collect();
@@ -198,5 +201,27 @@ fn accepted(schema: &Value) -> String {
     match schema["multipleOf"].as_u64() {
         Some(2) => format!("{parts}, even"),
         _ => parts,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::path::Path;
+
+    #[test]
+    fn the_files_in_docs_are_those_of_the_types() {
+        let docs = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../docs");
+        for (name, made) in [("configuration.md", markdown()), ("configuration.schema.json", json_schema())] {
+            let path = docs.join(name);
+            if std::env::var_os("UPDATE_REFERENCE").is_some() {
+                std::fs::write(&path, &made).unwrap();
+            }
+            let file = std::fs::read_to_string(&path).unwrap_or_default();
+            assert!(
+                file == made,
+                "docs/{name} is not that of the types; look at the difference that UPDATE_REFERENCE=1 makes"
+            );
+        }
     }
 }

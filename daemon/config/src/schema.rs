@@ -1,17 +1,18 @@
 //! The JSON schema of the configuration, from its types: what editors complete and check, and what every key means.
 
-use super::Config;
+use crate::service::Config;
 use schemars::generate::SchemaSettings;
 use serde_json::Value;
+use std::sync::LazyLock;
 
 /// The schema, without references: each key's own is where the key is. Draft 7, which editors of TOML read.
-pub(super) fn schema() -> Value {
+pub static SCHEMA: LazyLock<Value> = LazyLock::new(|| {
     let settings = SchemaSettings::draft07().with(|settings| settings.inline_subschemas = true);
     let mut schema = settings.into_generator().into_root_schema_for::<Config>().to_value();
     simplify(&mut schema);
     schema["title"] = "Configuration of the state-estimation service".into();
     schema
-}
+});
 
 /// TOML has no null: a key that may be absent is merely not required. And no widths of numbers.
 fn simplify(schema: &mut Value) {
@@ -50,19 +51,25 @@ fn simplify(schema: &mut Value) {
 }
 
 /// The schema of a key, `table.key` from the root.
-pub(super) fn find<'a>(schema: &'a Value, key: &str) -> Option<&'a Value> {
+pub fn find<'a>(schema: &'a Value, key: &str) -> Option<&'a Value> {
     key.split('.').try_fold(schema, |schema, name| table(schema)?["properties"].get(name))
 }
 
 /// The part of a schema that is a table: a key may take something else too.
-pub(super) fn table(schema: &Value) -> Option<&Value> {
+pub fn table(schema: &Value) -> Option<&Value> {
     let alternatives = schema["anyOf"].as_array().into_iter().flatten();
     std::iter::once(schema).chain(alternatives).find(|schema| schema["properties"].is_object())
 }
 
 /// What a key means, in a line: the first paragraph of its documentation.
-pub(super) fn meaning(schema: &Value) -> Option<String> {
+pub fn meaning(schema: &Value) -> Option<String> {
     let text = schema["description"].as_str()?;
     let first = text.split("\n\n").next().unwrap_or(text);
     Some(first.replace('\n', " "))
+}
+
+/// A table's keys with their schemas.
+pub fn properties(schema: &Value) -> impl Iterator<Item = (&str, &Value)> + Clone {
+    let table = table(schema).and_then(|table| table["properties"].as_object());
+    table.into_iter().flatten().map(|(name, schema)| (name.as_str(), schema))
 }

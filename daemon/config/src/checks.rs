@@ -1,57 +1,68 @@
-//! `[real_time]`: what the service's loop asks of the system, and the combinations that would do harm.
+//! Bounds and combinations of keys that need neither the mathematics nor a look at the machine.
 
-use super::{ConfigError, ConfigFile, Trigger};
-use schemars::JsonSchema;
-use serde::{Deserialize, Serialize};
+use crate::file::{ConfigError, ConfigFile};
+use crate::reference;
+use crate::schema::{SCHEMA, properties, table};
+use crate::service::Trigger;
+use serde_json::Value;
 
 /// Priority 99 is that of the kernel's own watchdog and migration threads.
-const HIGHEST_PRIORITY: u8 = 98;
+const MAX_PRIORITY: u8 = 98;
 /// A loop with a fixed priority that polls for more than this part of the only core starves everything else.
-const LARGEST_SHARE_OF_THE_ONLY_CORE: f64 = 0.5;
-
-/// What the loop asks of the system; everything absent: it is scheduled like any other thread.
-#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields, default)]
-pub struct RealTimeConfig {
-    /// SCHED_FIFO with this priority, 1 … 98, for the loop's thread alone; absent: scheduled like any other.
-    ///
-    /// Needs CAP_SYS_NICE or RLIMIT_RTPRIO. 80 is above interrupt threads (50) and ordinary tasks.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    #[schemars(range(min = 1, max = 98), example = 80)]
-    pub priority: Option<u8>,
-    /// Cores of the loop's thread, as `[2]`; the service's other threads stay off them. Absent: all.
-    ///
-    /// A core that nothing else uses (isolcpus, or CPUAffinity of the others) gives the least lateness.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    #[schemars(length(min = 1), extend("uniqueItems" = true), example = [2])]
-    pub cores: Option<Vec<usize>>,
-    /// Lock all memory, so that none is swapped out or mapped late.
-    ///
-    /// Needs CAP_IPC_LOCK or RLIMIT_MEMLOCK unlimited. Set it wherever a late tick costs something.
-    pub lock_memory: bool,
-    /// No core of the machine enters an idle state that takes time to leave; costs power.
-    ///
-    /// Set it where wake-up lateness of some 10 µs to 100 µs matters more than power; needs
-    /// /dev/cpu_dma_latency.
-    pub awake_cores: bool,
-    /// Refuse to start when something of this is refused (as --require-real-time).
-    ///
-    /// For vehicles that must not fly without.
-    pub required: bool,
-}
+const MAX_SHARE_OF_THE_ONLY_CORE: f64 = 0.5;
+/// The tables whose values the observers check; of each, `sample_rate_hz` is checked here.
+const CHANNELS: [&str; 3] = ["translation", "rotation", "linear"];
 
 impl ConfigFile {
-    /// Replaces settings of `[real_time]`, as the command line does.
-    pub fn set_real_time(&mut self, change: impl FnOnce(&mut RealTimeConfig)) {
-        change(&mut self.config.real_time);
+    /// Checks every key but those that are checked when the observers are built.
+    ///
+    /// # Errors
+    /// The key, its line, what was found and what would be accepted.
+    pub fn check(&self) -> Result<(), ConfigError> {
+        let config = &self.config;
+        self.check_real_time()?;
+        let values = serde_json::to_value(config).expect("a configuration is a JSON document");
+        for (name, schema) in properties(&SCHEMA) {
+            let Some(value) = values.get(name) else { continue };
+            if table(schema).is_none() {
+                self.check_bounds(name, schema, value)?;
+            }
+            for (key, schema) in properties(schema) {
+                if let Some(value) = value.get(key)
+                    && (!CHANNELS.contains(&name) || key == "sample_rate_hz")
+                {
+                    self.check_bounds(&format!("{name}.{key}"), schema, value)?;
+                }
+            }
+        }
+        if config.spin_us > 1e6 / config.rate_hz {
+            let needed = format!("0 … {:.0}, the period of rate_hz (in µs)", 1e6 / config.rate_hz);
+            return Err(self.refusal("spin_us", &config.spin_us.to_string(), &needed));
+        }
+        Ok(())
+    }
+
+    /// Compares a value with its key's bounds in the schema. JSON has no NaN and no infinity: they are null.
+    fn check_bounds(&self, key: &str, schema: &Value, value: &Value) -> Result<(), ConfigError> {
+        let holds = |bound: &str, test: fn(f64, f64) -> bool| {
+            schema[bound].as_f64().is_none_or(|bound| value.as_f64().is_some_and(|value| test(value, bound)))
+        };
+        if holds("minimum", |x, low| x >= low)
+            && holds("maximum", |x, high| x <= high)
+            && holds("exclusiveMinimum", |x, low| x > low)
+        {
+            return Ok(());
+        }
+        let found = if value.is_null() { "no finite number".into() } else { value.to_string() };
+        Err(self.refusal(key, &found, &reference::bounds_in_words(key, schema)))
     }
 
     /// What needs no look at the machine.
-    pub(super) fn check_real_time(&self) -> Result<(), ConfigError> {
+    fn check_real_time(&self) -> Result<(), ConfigError> {
         let real_time = &self.config.real_time;
-        if let Some(priority) = real_time.priority.filter(|p| !(1..=HIGHEST_PRIORITY).contains(p)) {
-            let needed = format!("1 … {HIGHEST_PRIORITY} (99 is the kernel's own), or no such key");
-            return Err(self.wrong("real_time.priority", &priority.to_string(), &needed));
+        if let Some(priority) = real_time.priority.filter(|p| !(1..=MAX_PRIORITY).contains(p)) {
+            let needed = format!("1 … {MAX_PRIORITY} (99 is the kernel's own), or no such key");
+            return Err(self.refusal("real_time.priority", &priority.to_string(), &needed));
         }
         let Some(cores) = &real_time.cores else { return Ok(()) };
         let mut sorted = cores.clone();
@@ -59,7 +70,7 @@ impl ConfigFile {
         sorted.dedup();
         if sorted.len() != cores.len() || cores.is_empty() {
             let needed = "at least one core, each once, as [2] or [2, 3]; or no such key";
-            return Err(self.wrong("real_time.cores", &format!("{cores:?}"), needed));
+            return Err(self.refusal("real_time.cores", &format!("{cores:?}"), needed));
         }
         Ok(())
     }
@@ -78,14 +89,14 @@ impl ConfigFile {
             let needed = format!(
                 "some of {allowed:?}, which this process may use (taskset -cp PID; AllowedCPUs= of systemd, --cpuset-cpus of a container)"
             );
-            return Err(self.wrong("real_time.cores", &format!("{cores:?}"), &needed));
+            return Err(self.refusal("real_time.cores", &format!("{cores:?}"), &needed));
         }
         if real_time.priority.is_none() || allowed.len() != 1 {
             return Ok(());
         }
         let (key, found) = if config.trigger == Trigger::Sample {
             ("trigger", "\"sample\"".to_owned())
-        } else if config.spin_us * 1e-6 * config.rate_hz > LARGEST_SHARE_OF_THE_ONLY_CORE {
+        } else if config.spin_us * 1e-6 * config.rate_hz > MAX_SHARE_OF_THE_ONLY_CORE {
             ("spin_us", config.spin_us.to_string())
         } else {
             return Ok(());
@@ -93,17 +104,18 @@ impl ConfigFile {
         let needed = "a second core, trigger = \"timer\" with spin_us below half a period, or no real_time.priority: \
                       polling at a fixed priority on the only core starves every other thread, and the kernel then stops \
                       the loop for 50 ms of every second (sched_rt_runtime_us)";
-        Err(self.wrong(key, &found, needed))
+        Err(self.refusal(key, &found, needed))
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::presets::PRESETS;
 
     fn file(before: &str, table: &str) -> ConfigFile {
         // Lines before and after the preset's own, which are whole ones.
-        let text = format!("{before}\n{}\n[real_time]\n{table}\n", super::super::PRESETS[0].1);
+        let text = format!("{before}\n{}\n[real_time]\n{table}\n", PRESETS[0].1);
         ConfigFile::parse("vehicle.toml".into(), text).unwrap()
     }
 
@@ -115,11 +127,11 @@ mod tests {
             ("cores = []", ["real_time.cores", "found []", "at least one core"]),
             ("cores = [1, 1]", ["real_time.cores", "found [1, 1]", "each once"]),
         ] {
-            let error = file("", table).estimator().unwrap_err().to_string();
-            let line = format!("vehicle.toml, line {}", super::super::PRESETS[0].1.lines().count() + 4);
+            let error = file("", table).check().unwrap_err().to_string();
+            let line = format!("vehicle.toml, line {}", PRESETS[0].1.lines().count() + 4);
             assert!(parts.iter().all(|part| error.contains(part)) && error.contains(&line), "{error}");
         }
-        let text = format!("{}\n[real_time]\npriority = -1\n", super::super::PRESETS[0].1);
+        let text = format!("{}\n[real_time]\npriority = -1\n", PRESETS[0].1);
         assert!(ConfigFile::parse("vehicle.toml".into(), text).is_err());
     }
 

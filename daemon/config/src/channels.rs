@@ -1,0 +1,391 @@
+//! The channels' tables `[translation]`, `[rotation]` and `[linear]`: one table of keys for the three.
+//!
+//! The macro's body is the table of the keys that every channel has. Its three uses give each channel's names (with their
+//! units), types, words, examples, and the keys that this channel alone has.
+
+use crate::values::{
+    DeadZoneName, GyroscopicTorqueName, KernelName, LengthScaleConfig, SolverConfig, SquareMatrix,
+    SymmetricMatrix,
+};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+/// The keys that every channel has, by one name each.
+#[derive(Debug, Clone, PartialEq)]
+pub struct CommonKeys<'a> {
+    /// Outputs per second; `rate_hz` where absent.
+    pub sample_rate_hz: Option<f64>,
+    /// κ.
+    pub kernel: KernelName,
+    /// ℓ.
+    pub length_scale: &'a LengthScaleConfig,
+    /// Lower corner of the lattice.
+    pub centers_lower: Option<&'a [f64]>,
+    /// Upper corner of the lattice.
+    pub centers_upper: Option<&'a [f64]>,
+    /// Centers along each axis of the lattice.
+    pub centers_per_axis: Option<&'a [usize]>,
+    /// Centers one by one.
+    pub centers_listed: Option<Vec<&'a [f64]>>,
+    /// Added to the Gram matrix's diagonal as a multiple of κ(0).
+    pub nugget: f64,
+    /// How f̂ is computed.
+    pub solver: SolverConfig,
+    /// Shape of σ.
+    pub dead_zone: DeadZoneName,
+    /// d, in the output's unit.
+    pub dead_zone_width: f64,
+    /// ε, in the output's unit.
+    pub dead_zone_buffer: f64,
+    /// δ̄, in the output's unit.
+    pub noise_bound: f64,
+    /// ξ̄, in the input's unit.
+    pub unmatched_bound: f64,
+    /// r_f.
+    pub residual_norm_bound: f64,
+}
+
+/// What a channel calls its keys, for messages.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct KeyNames {
+    /// The mass, the inertia, or A.
+    pub inertia: &'static str,
+    /// The observer's gain.
+    pub gain: &'static str,
+    /// The gain of position or attitude fixes; empty where there are none.
+    pub fix_gain: &'static str,
+    /// Γ_f.
+    pub adaptation_rate: &'static str,
+    /// ℓ.
+    pub length_scale: &'static str,
+    /// The first key of a lattice.
+    pub centers_lower: &'static str,
+    /// d.
+    pub dead_zone_width: &'static str,
+    /// ε.
+    pub dead_zone_buffer: &'static str,
+    /// δ̄.
+    pub noise_bound: &'static str,
+    /// ξ̄.
+    pub unmatched_bound: &'static str,
+    /// r_f.
+    pub residual_norm_bound: &'static str,
+}
+
+macro_rules! channel {
+    (
+        $(#[$doc:meta])*
+        $Config:ident, messages name $inertia:tt $gain:tt $fix_gain:tt;
+        types { $Point:ty, $Counts:ty, $Rate:ty }
+        words {
+            sensor: $sensor:tt, output: $output:tt, outputs: $outputs:tt, measured: $measured:tt,
+            rate: $rate_text:tt, unmatched: $unmatched_text:tt, unknown: $unknown:tt
+        }
+        keys {
+            $rate:ident = $rate_example:tt, $length_scale:ident = $length_example:tt,
+            $lower:ident = $lower_example:tt, $upper:ident = $upper_example:tt, per_axis = $counts_example:tt,
+            $listed:ident = $listed_example:tt,
+            $width:ident = $width_example:tt, $buffer:ident = $buffer_example:tt, $noise:ident = $noise_example:tt,
+            $unmatched:ident, $residual:ident, sample_rate_hz = $sample_rate_example:tt
+        }
+        first { $($first:tt)* }
+        last { $($last:tt)* }
+    ) => {
+        $(#[$doc])*
+        #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+        #[serde(deny_unknown_fields)]
+        #[schemars(extend("oneOf" = [
+            { "required": [stringify!($lower), stringify!($upper), "centers_per_axis"] },
+            { "required": [stringify!($listed)] },
+        ]))]
+        pub struct $Config {
+            $($first)*
+            #[doc = concat!($sensor, " per second (default rate_hz); each is held for 1.5 periods, then the channel coasts.")]
+            #[serde(skip_serializing_if = "Option::is_none")]
+            #[schemars(range(min = 0.01, max = 10000.0), example = $sample_rate_example)]
+            pub sample_rate_hz: Option<f64>,
+            #[doc = concat!("Adaptation rate Γ_f, symmetric positive definite: ", $rate_text, ".")]
+            ///
+            /// Higher learns faster and noisier. A rate that makes the sampled law unstable is refused with the
+            /// largest stable one.
+            #[schemars(example = $rate_example)]
+            pub $rate: $Rate,
+            /// Kernel κ: "sobolev-matern-K" with its order K (the higher, the smoother what is learned), "gaussian",
+            /// "wendland-c2" or "wendland-c4".
+            #[serde(default)]
+            pub kernel: KernelName,
+            #[doc = concat!("Length scale ℓ of the kernel: ", $outputs, " this far apart share what is learned. One number, or one per axis.")]
+            ///
+            /// One to two times the distance between centers, several times it with Wendland kernels; smaller
+            /// resolves finer detail and learns it more slowly.
+            #[schemars(example = $length_example)]
+            pub $length_scale: LengthScaleConfig,
+            #[doc = concat!("Lower corner of the lattice of kernel centers, in the space of the ", $output, ".")]
+            ///
+            #[doc = concat!("The box must hold the ", $measured, ": outside of it the learned function fades, and the estimate says outside the centers. Needs the upper corner and the number per axis.")]
+            #[serde(skip_serializing_if = "Option::is_none")]
+            #[schemars(example = vec!$lower_example)]
+            pub $lower: Option<$Point>,
+            #[doc = concat!("Upper corner of the lattice of kernel centers, in the space of the ", $output, ".")]
+            #[serde(skip_serializing_if = "Option::is_none")]
+            #[schemars(example = vec!$upper_example)]
+            pub $upper: Option<$Point>,
+            /// Centers along each axis of the lattice.
+            ///
+            /// Spacing of about half a length scale to one; the memory and the time per step grow with the product.
+            #[serde(skip_serializing_if = "Option::is_none")]
+            #[schemars(example = vec!$counts_example)]
+            pub centers_per_axis: Option<$Counts>,
+            /// Centers one by one, instead of a lattice.
+            ///
+            /// For a flight envelope that is no box. No two may be equal.
+            #[serde(skip_serializing_if = "Option::is_none")]
+            #[schemars(example = vec!$listed_example)]
+            pub $listed: Option<Vec<$Point>>,
+            /// Added to the Gram matrix's diagonal as a multiple of κ(0); 0 is the paper's law.
+            ///
+            /// 1e-8 or so where the Gram matrix is refused as not positive definite: centers that lie too close for
+            /// the length scale.
+            #[serde(default)]
+            #[schemars(range(min = 0.0))]
+            pub nugget: f64,
+            /// How the learned function is computed: "dense" from all centers, exact; "local" from those around the
+            /// output, with an error estimate in every estimate; "auto" by the number of centers. Or a table of
+            /// options.
+            ///
+            /// "auto" takes "dense" up to some 2000 centers; `daemon check` says which one you get, its error and its
+            /// memory.
+            #[serde(default)]
+            pub solver: SolverConfig,
+            /// Shape of the dead zone σ: "saturated", "quadratic" (the paper's, corrected) or "step" (Theorem 1;
+            /// ignores the buffer).
+            #[serde(default)]
+            pub dead_zone: DeadZoneName,
+            /// Dead zone d: output errors up to this are taken for noise.
+            ///
+            /// Just above what the error is when nothing is to be learned: narrower learns noise, wider stops
+            /// learning early.
+            #[schemars(range(min = 0.0), example = $width_example)]
+            pub $width: f64,
+            /// Buffer ε over which the dead zone opens.
+            ///
+            /// About the width.
+            #[schemars(extend("exclusiveMinimum" = 0.0), example = $buffer_example)]
+            pub $buffer: f64,
+            #[doc = concat!("Bound δ̄ on the norm of the ", $output, "'s measurement error.")]
+            ///
+            /// It widens the error bounds that `daemon check` and every estimate tell, not the estimate.
+            #[schemars(range(min = 0.0), example = $noise_example)]
+            pub $noise: f64,
+            #[doc = concat!("Bound ξ̄ on ", $unmatched_text, "; it widens the guarantees, not the estimate.")]
+            #[serde(default)]
+            #[schemars(range(min = 0.0))]
+            pub $unmatched: f64,
+            #[doc = concat!("Bound r_f on the native norm of what the centers cannot represent of the unknown ", $unknown, "; it widens the guarantees.")]
+            #[serde(default)]
+            #[schemars(range(min = 0.0))]
+            pub $residual: f64,
+            $($last)*
+        }
+
+        impl $Config {
+            /// What messages call the keys.
+            pub const NAMES: KeyNames = KeyNames {
+                inertia: $inertia,
+                gain: $gain,
+                fix_gain: $fix_gain,
+                adaptation_rate: stringify!($rate),
+                length_scale: stringify!($length_scale),
+                centers_lower: stringify!($lower),
+                dead_zone_width: stringify!($width),
+                dead_zone_buffer: stringify!($buffer),
+                noise_bound: stringify!($noise),
+                unmatched_bound: stringify!($unmatched),
+                residual_norm_bound: stringify!($residual),
+            };
+
+            /// The keys that every channel has.
+            pub fn common(&self) -> CommonKeys<'_> {
+                CommonKeys {
+                    sample_rate_hz: self.sample_rate_hz,
+                    kernel: self.kernel,
+                    length_scale: &self.$length_scale,
+                    centers_lower: self.$lower.as_ref().map(|point| &point[..]),
+                    centers_upper: self.$upper.as_ref().map(|point| &point[..]),
+                    centers_per_axis: self.centers_per_axis.as_ref().map(|counts| &counts[..]),
+                    centers_listed: self.$listed.as_ref().map(|list| list.iter().map(|point| &point[..]).collect()),
+                    nugget: self.nugget,
+                    solver: self.solver,
+                    dead_zone: self.dead_zone,
+                    dead_zone_width: self.$width,
+                    dead_zone_buffer: self.$buffer,
+                    noise_bound: self.$noise,
+                    unmatched_bound: self.$unmatched,
+                    residual_norm_bound: self.$residual,
+                }
+            }
+        }
+    };
+}
+
+channel! {
+    /// The translation channel.
+    TranslationConfig, messages name "mass_kg" "gain_per_s" "position_fix_gain_per_s";
+    types { [f64; 3], [usize; 3], SymmetricMatrix }
+    words {
+        sensor: "Velocity measurements", output: "velocity", outputs: "speeds",
+        measured: "velocities that are flown", rate: "a number, three numbers (diagonal) or 3 × 3",
+        unmatched: "the force that is no function of the velocity (gusts)", unknown: "force"
+    }
+    keys {
+        adaptation_rate_kg_s2 = 100.0, length_scale_m_s = 3.0,
+        centers_lower_m_s = [-4.0, -4.0, -2.0], centers_upper_m_s = [4.0, 4.0, 2.0], per_axis = [5, 5, 3],
+        centers_listed_m_s = [[0.0, 0.0, 0.0], [2.0, 0.0, 0.0]],
+        dead_zone_width_m_s = 0.02, dead_zone_buffer_m_s = 0.02, noise_bound_m_s = 0.06,
+        unmatched_force_bound_n, residual_norm_bound_n, sample_rate_hz = 10.0
+    }
+    first {
+        /// Nominal mass; under water with the added mass.
+        ///
+        /// What it gets wrong is learned as a force.
+        #[schemars(extend("exclusiveMinimum" = 0.0), example = 2.0)]
+        pub mass_kg: f64,
+        /// Gravity along the inertial axes where the commanded force carries the weight; [0, 0, 9.81] with axes
+        /// north-east-down.
+        ///
+        /// Zero where the commanded force is net of weight, and for a vehicle that floats.
+        #[serde(default)]
+        pub gravity_m_s2: [f64; 3],
+        /// Another known constant force along the inertial axes, buoyancy say.
+        #[serde(default)]
+        pub known_force_n: [f64; 3],
+        /// Observer gain λ: how fast the velocity estimate follows the measurement.
+        ///
+        /// Higher trusts the sensor more, and lets more of its noise through; a few times below the sample rate.
+        #[schemars(extend("exclusiveMinimum" = 0.0), example = 10.0)]
+        pub gain_per_s: f64,
+    }
+    last {
+        /// Gain L_r of the velocity error into the position; 0 is dead reckoning.
+        ///
+        /// Dimensionless. Position is not observable from velocity: it changes where errors go, not that they
+        /// grow.
+        #[serde(default)]
+        pub velocity_error_to_position: f64,
+        /// Gain L_p of position fixes; 0 uses only the first one.
+        ///
+        /// About one over the time in which a fix shall pull the position to itself.
+        #[serde(default)]
+        #[schemars(range(min = 0.0))]
+        pub position_fix_gain_per_s: f64,
+        /// How long a position fix keeps correcting.
+        ///
+        /// Between one and two periods of the fixes.
+        #[serde(default = "fix_hold_s")]
+        #[schemars(range(min = 0.0))]
+        pub position_fix_hold_s: f64,
+    }
+}
+
+channel! {
+    /// The rotation channel.
+    RotationConfig, messages name "inertia_kg_m2" "gain_per_s" "attitude_fix_gain_per_s";
+    types { [f64; 3], [usize; 3], SymmetricMatrix }
+    words {
+        sensor: "Angular-velocity measurements", output: "angular velocity", outputs: "rates",
+        measured: "angular velocities that are flown", rate: "a number, three numbers (diagonal) or 3 × 3",
+        unmatched: "the torque that is no function of the angular velocity", unknown: "torque"
+    }
+    keys {
+        adaptation_rate_n_m = 1.0, length_scale_rad_s = 2.0,
+        centers_lower_rad_s = [-2.0, -2.0, -1.0], centers_upper_rad_s = [2.0, 2.0, 1.0], per_axis = [3, 3, 3],
+        centers_listed_rad_s = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]],
+        dead_zone_width_rad_s = 0.01, dead_zone_buffer_rad_s = 0.01, noise_bound_rad_s = 0.015,
+        unmatched_torque_bound_n_m, residual_norm_bound_n_m, sample_rate_hz = 100.0
+    }
+    first {
+        /// Nominal inertia, symmetric positive definite: a number, three numbers (diagonal) or 3 × 3.
+        ///
+        /// In body axes. What it gets wrong is learned as a torque.
+        #[schemars(example = vec![0.02, 0.02, 0.035])]
+        pub inertia_kg_m2: SymmetricMatrix,
+        /// −ω × Iω: "learned" with the rest (the paper), or "feedforward" from the estimate.
+        ///
+        /// "feedforward" for bodies that spin fast and whose inertia is known well.
+        #[serde(default)]
+        pub gyroscopic_torque: GyroscopicTorqueName,
+        /// Observer gain λ: how fast the angular-velocity estimate follows the measurement.
+        ///
+        /// Higher trusts the sensor more, and lets more of its noise through; a few times below the sample rate.
+        #[schemars(extend("exclusiveMinimum" = 0.0), example = 40.0)]
+        pub gain_per_s: f64,
+    }
+    last {
+        /// Gain L_q of attitude fixes; 0 uses only the first one.
+        ///
+        /// About one over the time in which a fix shall pull the attitude to itself.
+        #[serde(default)]
+        #[schemars(range(min = 0.0))]
+        pub attitude_fix_gain_per_s: f64,
+        /// How long an attitude fix keeps correcting.
+        ///
+        /// Between one and two periods of the fixes.
+        #[serde(default = "fix_hold_s")]
+        #[schemars(range(min = 0.0))]
+        pub attitude_fix_hold_s: f64,
+    }
+}
+
+channel! {
+    /// `x' = A x + B (u + f(y)) + ξ`, `y = C x + δ`, with `output` and `input` of the measurement for y and u.
+    LinearConfig, messages name "a" "gain" "";
+    types { Vec<f64>, Vec<usize>, SquareMatrix }
+    words {
+        sensor: "Outputs", output: "output", outputs: "outputs", measured: "outputs",
+        rate: "a number, one per output (diagonal), or m × m",
+        unmatched: "what else acts on x' and is no function of the output", unknown: "input"
+    }
+    keys {
+        adaptation_rate = 50.0, length_scale = 1.0,
+        centers_lower = [-3.0], centers_upper = [3.0], per_axis = [13],
+        centers_listed = [[-1.0], [0.0], [1.0]],
+        dead_zone_width = 0.02, dead_zone_buffer = 0.02, noise_bound = 0.01,
+        unmatched_bound, residual_norm_bound, sample_rate_hz = 100.0
+    }
+    first {
+        /// A, row after row.
+        ///
+        /// 1/s in the units of its states: n rows of n numbers, n at most 12.
+        #[schemars(example = vec![[0.0, 1.0], [-3.0, -0.2]])]
+        pub a: Vec<Vec<f64>>,
+        /// B, row after row.
+        ///
+        /// n rows of m numbers.
+        #[schemars(example = vec![[0.0], [0.5]])]
+        pub b: Vec<Vec<f64>>,
+        /// C, row after row: as many outputs as inputs.
+        ///
+        /// m rows of n numbers; y = C x is `output` of the measurement.
+        #[schemars(example = vec![[2.0, 1.0]])]
+        pub c: Vec<Vec<f64>>,
+        /// Observer gain L, row after row; A − LC must be Hurwitz on what is observable.
+        ///
+        /// n rows of m numbers. `daemon check` tells the poles of A − LC and whether they suffice for the
+        /// guarantees.
+        #[schemars(example = vec![[1.0], [8.0]])]
+        pub gain: Vec<Vec<f64>>,
+        /// Names of the states, for reports.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        #[schemars(example = vec!["position", "velocity"])]
+        pub state_names: Option<Vec<String>>,
+        /// The state before the first sample; default: the least one with the first output.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        #[schemars(example = vec![0.5, 0.0])]
+        pub initial_state: Option<Vec<f64>>,
+    }
+    last {}
+}
+
+fn fix_hold_s() -> f64 {
+    0.25
+}

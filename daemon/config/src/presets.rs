@@ -1,0 +1,12 @@
+//! The built-in configurations.
+
+/// The built-in configurations: name, text.
+pub const PRESETS: [(&str, &str); 7] = [
+    ("rigid-body", include_str!("../../presets/rigid-body.toml")),
+    ("paper-translation", include_str!("../../presets/paper-translation.toml")),
+    ("paper-rotation", include_str!("../../presets/paper-rotation.toml")),
+    ("acsl-x8", include_str!("../../presets/acsl-x8.toml")),
+    ("auv", include_str!("../../presets/auv.toml")),
+    ("linear", include_str!("../../presets/linear.toml")),
+    ("million-centers", include_str!("../../presets/million-centers.toml")),
+];

@@ -1,0 +1,304 @@
+//! The configuration's root and its tables without a channel: service, initial state, input, deadlines, snapshots.
+
+use crate::channels::{LinearConfig, RotationConfig, TranslationConfig};
+use crate::real_time::RealTimeConfig;
+use crate::values::OutlierAction;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+/// When the service steps.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum Trigger {
+    /// At every tick of `rate_hz`.
+    #[default]
+    Timer,
+    /// As soon as a sample arrives, polling one core; at `rate_hz` while none does.
+    Sample,
+}
+
+/// What time it is for the estimate.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum Clock {
+    /// CLOCK_MONOTONIC: the estimate is propagated from the newest sample to the tick.
+    #[default]
+    Monotonic,
+    /// The stamp of the newest sample: for replay at another speed than that of the flight.
+    Samples,
+}
+
+/// Which source wins where several publish.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum SourcePolicy {
+    /// The one in use, until it has been silent for `takeover_after_s`.
+    #[default]
+    First,
+    /// The one that appeared last.
+    Newest,
+}
+
+/// The whole configuration.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+#[schemars(extend("anyOf" = [
+    { "required": ["translation"] },
+    { "required": ["rotation"] },
+    { "required": ["linear"] },
+]))]
+pub struct Config {
+    /// Ticks per second; each publishes one estimate.
+    ///
+    /// Not below the rate of the fastest sensor; more costs processor time, not accuracy, and shortens what a
+    /// controller waits. Also as --rate-hz.
+    #[schemars(range(min = 1.0, max = 10000.0), example = 200.0)]
+    pub rate_hz: f64,
+    /// When to step: "timer" at rate_hz, or "sample" as soon as one arrives (polls one core).
+    ///
+    /// Change it where microseconds between sample and estimate matter and a core is free for them.
+    #[serde(default)]
+    pub trigger: Trigger,
+    /// Time of the estimate: "monotonic" (now), or "samples" (stamp of the newest sample; replay at another
+    /// speed).
+    ///
+    /// "monotonic" for everything that flies.
+    #[serde(default)]
+    pub clock: Clock,
+    /// The last microseconds of every wait are spent polling the clock: less lateness for more of a core.
+    ///
+    /// 200 takes most of the wake-up lateness away for 4 % of a core at 200 Hz; `bench jitter` measures both.
+    /// 0 never polls, and at most it is the period of rate_hz.
+    #[serde(default)]
+    #[schemars(range(min = 0.0))]
+    pub spin_us: f64,
+    /// Without a sample for this long, the estimate's status says stale.
+    ///
+    /// As long as your controller may fly on a prediction. It is the status alone that changes: channels
+    /// coast much earlier.
+    #[serde(default = "stale_after_s")]
+    #[schemars(extend("exclusiveMinimum" = 0.0))]
+    pub stale_after_s: f64,
+    /// The state before the first sample; what is missing is taken from the first measurement of it.
+    #[serde(default, skip_serializing_if = "InitialConfig::is_empty")]
+    pub initial: InitialConfig,
+    /// Which samples are believed, and from which source.
+    #[serde(default)]
+    pub input: InputConfig,
+    /// What happens when ticks end after their next deadline, so many in a row; 0 is never.
+    #[serde(default)]
+    pub deadline: DeadlineConfig,
+    /// What is written down, so that nothing learned is lost.
+    #[serde(default)]
+    pub snapshot: SnapshotConfig,
+    /// What the loop asks of the system, with `priority = 1 … 98` and `cores = [2]` too; what is refused is said,
+    /// and done without (daemon doctor).
+    #[serde(default)]
+    pub real_time: RealTimeConfig,
+    /// Position, velocity and unknown force from measured velocity.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub translation: Option<TranslationConfig>,
+    /// Attitude, angular velocity and unknown torque from measured angular velocity.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub rotation: Option<RotationConfig>,
+    /// A general linear plant x' = A x + B (u + f(y)), y = C x, in units of its own.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub linear: Option<LinearConfig>,
+}
+
+impl Config {
+    /// d of translation (m/s), rotation (rad/s), linear plant (its output's unit); 0 where there is no such channel.
+    pub fn dead_zone_width(&self) -> [f64; 3] {
+        let translation = self.translation.as_ref().map(|translation| translation.dead_zone_width_m_s);
+        let rotation = self.rotation.as_ref().map(|rotation| rotation.dead_zone_width_rad_s);
+        let linear = self.linear.as_ref().map(|linear| linear.dead_zone_width);
+        [translation, rotation, linear].map(Option::unwrap_or_default)
+    }
+}
+
+/// The state before the first sample; what is missing is taken from the first measurement of it.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct InitialConfig {
+    /// Position, inertial.
+    ///
+    /// Set it where there are no position fixes; otherwise the dead-reckoned position starts from the origin.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schemars(example = vec![0.0, 0.0, -10.0])]
+    pub position_m: Option<[f64; 3]>,
+    /// Velocity, inertial.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schemars(example = vec![0.0, 0.0, 0.0])]
+    pub velocity_m_s: Option<[f64; 3]>,
+    /// Attitude, unit quaternion, body to inertial.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schemars(example = vec![1.0, 0.0, 0.0, 0.0])]
+    pub attitude_wxyz: Option<[f64; 4]>,
+    /// Angular velocity, body axes.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schemars(example = vec![0.0, 0.0, 0.1])]
+    pub angular_velocity_rad_s: Option<[f64; 3]>,
+}
+
+impl InitialConfig {
+    fn is_empty(&self) -> bool {
+        *self == Self::default()
+    }
+}
+
+/// Which samples are believed, and which source.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct InputConfig {
+    /// A faster measured velocity is rejected; a faster estimate is reset.
+    ///
+    /// Above what your vehicle can reach, wind included, but well below what a broken sensor says.
+    #[schemars(extend("exclusiveMinimum" = 0.0))]
+    pub max_speed_m_s: f64,
+    /// A faster measured rotation is rejected; a faster estimate is reset.
+    ///
+    /// Above what your vehicle can reach, below the range of the gyroscope.
+    #[schemars(extend("exclusiveMinimum" = 0.0))]
+    pub max_angular_rate_rad_s: f64,
+    /// A position further from the origin is rejected; such an estimate is reset.
+    #[schemars(extend("exclusiveMinimum" = 0.0))]
+    pub max_position_m: f64,
+    /// A larger commanded force is rejected.
+    #[schemars(extend("exclusiveMinimum" = 0.0))]
+    pub max_force_n: f64,
+    /// A larger commanded torque is rejected.
+    #[schemars(extend("exclusiveMinimum" = 0.0))]
+    pub max_torque_n_m: f64,
+    /// A larger learned force is not believed: the translation is reset to its last good copy.
+    ///
+    /// A few times the largest disturbance that you expect, its weight say: it is what stops a diverging
+    /// learner.
+    #[schemars(extend("exclusiveMinimum" = 0.0))]
+    pub max_unknown_force_n: f64,
+    /// A larger learned torque is not believed: the rotation is reset to its last good copy.
+    ///
+    /// A few times the largest torque that you expect.
+    #[schemars(extend("exclusiveMinimum" = 0.0))]
+    pub max_unknown_torque_n_m: f64,
+    /// An output of the linear plant with a larger entry is rejected.
+    #[schemars(extend("exclusiveMinimum" = 0.0))]
+    pub max_output: f64,
+    /// A commanded input of the linear plant with a larger entry is rejected; a learned one is reset.
+    #[schemars(extend("exclusiveMinimum" = 0.0))]
+    pub max_input: f64,
+    /// A state of the linear plant with a larger entry is reset to its last good copy.
+    #[schemars(extend("exclusiveMinimum" = 0.0))]
+    pub max_state: f64,
+    /// A stamp further ahead of the clock is rejected.
+    ///
+    /// Stamps are CLOCK_MONOTONIC of this machine: raise it only for sources whose clock is another one.
+    #[schemars(extend("exclusiveMinimum" = 0.0))]
+    pub max_future_s: f64,
+    /// A stamp further behind the clock is rejected.
+    ///
+    /// More than the largest delay of your slowest sensor; replay with clock = "samples" does not look at it.
+    #[schemars(extend("exclusiveMinimum" = 0.0))]
+    pub max_age_s: f64,
+    /// Where several publish: "first" keeps the one in use, "newest" takes the one that appeared last.
+    ///
+    /// "newest" where a source is replaced on purpose while the old one still runs.
+    pub source: SourcePolicy,
+    /// A source silent for this long may be replaced by another one.
+    ///
+    /// Some periods of the source: shorter than the outage that your vehicle stands, longer than its jitter.
+    #[schemars(extend("exclusiveMinimum" = 0.0))]
+    pub takeover_after_s: f64,
+    /// An output whose error stands out: "off" believes it, "adaptation" does not learn from it, "correction"
+    /// does not use it. What lasts longer than 10 holds is believed.
+    ///
+    /// "off" is the paper's observer. With "correction" a spike does not reach the estimate, and a real jump
+    /// does a few samples later.
+    pub outliers: OutlierAction,
+    /// It stands out if its error is this many times the dead zone's width plus the running scale of the
+    /// errors.
+    ///
+    /// Lower finds smaller spikes and doubts more honest outputs.
+    #[schemars(extend("exclusiveMinimum" = 0.0))]
+    pub outlier_factor: f64,
+    /// A sensor that repeats one value to the bit is named, and its outputs: "off" are used, "adaptation" not
+    /// learned from, "correction" not used.
+    ///
+    /// "off" for sensors that are quantised so coarsely, or simulated so cleanly, that they repeat themselves
+    /// in truth.
+    pub stuck: OutlierAction,
+    /// Repetitions of one value after which a sensor is stuck; 0 is never.
+    pub stuck_after_samples: u64,
+}
+
+/// What happens when ticks end after their next deadline, so many in a row; 0 is never.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct DeadlineConfig {
+    /// So many late ticks in a row, and the estimate's status says late; 0 is never.
+    pub warn_after_ticks: u64,
+    /// So many late ticks in a row, and samples are not used any more, which costs less, until a tick is in
+    /// time again; 0 is never.
+    ///
+    /// A service that is late because its machine is overloaded gets back in time so.
+    pub predict_only_after_ticks: u64,
+    /// So many late ticks in a row, and the estimate's status says invalid: not to be used; 0 is never.
+    pub invalid_after_ticks: u64,
+}
+
+impl Default for DeadlineConfig {
+    fn default() -> Self {
+        Self { warn_after_ticks: 1, predict_only_after_ticks: 10, invalid_after_ticks: 50 }
+    }
+}
+
+/// What is written down, so that nothing learned is lost.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct SnapshotConfig {
+    /// Time between two snapshots; 0 writes one on command and at the end only.
+    ///
+    /// What is lost at most when the machine loses power. The disk is written by a thread of its own.
+    #[schemars(range(min = 0.0, max = 1e9))]
+    pub save_every_s: f64,
+    /// After a restart the state in a snapshot is gone on from where it is not older than this; what was
+    /// learned always is.
+    ///
+    /// As long as your vehicle stays near where it was while the service is away.
+    #[schemars(range(min = 0.0, max = 1e9))]
+    pub resume_state_within_s: f64,
+}
+
+impl Default for SnapshotConfig {
+    fn default() -> Self {
+        Self { save_every_s: 5.0, resume_state_within_s: 10.0 }
+    }
+}
+
+impl Default for InputConfig {
+    fn default() -> Self {
+        Self {
+            max_speed_m_s: 100.0,
+            max_angular_rate_rad_s: 50.0,
+            max_position_m: 1e6,
+            max_force_n: 1e5,
+            max_torque_n_m: 1e5,
+            max_unknown_force_n: 1e5,
+            max_unknown_torque_n_m: 1e5,
+            max_output: 1e9,
+            max_input: 1e9,
+            max_state: 1e9,
+            max_future_s: 0.05,
+            max_age_s: 0.5,
+            source: SourcePolicy::First,
+            takeover_after_s: 0.2,
+            outliers: OutlierAction::Correction,
+            outlier_factor: 8.0,
+            stuck: OutlierAction::Adaptation,
+            stuck_after_samples: 50,
+        }
+    }
+}
+
+fn stale_after_s() -> f64 {
+    0.5
+}
