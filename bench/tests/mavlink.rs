@@ -37,6 +37,9 @@ fn run(command: &mut Command) -> Result<(), String> {
 
 /// The interpreter of an environment with pymavlink, made once, or why this machine gives none.
 fn python() -> Result<&'static Path, String> {
+    if !sim_publisher::HAS_MAVLINK {
+        return Err("the bridge is not in this program; needed: --features mavlink".into());
+    }
     static PYTHON: std::sync::OnceLock<Result<PathBuf, String>> = std::sync::OnceLock::new();
     let made = PYTHON.get_or_init(|| {
         let directory = Path::new(env!("CARGO_TARGET_TMPDIR")).join("mavlink-peer");
@@ -461,6 +464,11 @@ fn the_bridge_outlives_the_service_and_feeds_its_successor() {
 #[test]
 fn what_cannot_be_opened_is_told_with_a_remedy() {
     let domain = TestDomain::new();
+    if !sim_publisher::HAS_MAVLINK {
+        let output = Role::start(&domain, &["sim_publisher", "mavlink", "--listen", "x"]).finish(PATIENCE);
+        assert!(text(&output.stderr).contains("--features mavlink"), "{}", text(&output.stderr));
+        return;
+    }
     let taken = UdpSocket::bind("127.0.0.1:0").unwrap();
     let in_use = format!("udp:{}", taken.local_addr().unwrap());
     let refused = [

@@ -6,16 +6,12 @@ use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 use observer::{LinearOutput, Sample, Velocity};
 use serde::{Deserialize, Serialize};
 use shared_types::Measurement;
-use shared_types::payload::{Rejection, frame, valid};
+use shared_types::payload::{MAX_SEQUENCE_GAP, QUATERNION_NORM_TOLERANCE, Rejection, frame, valid};
 
 /// Where samples are the clock, one that jumps further ahead starts a new time, if its source may (s).
 const LONGEST_JUMP_S: f64 = 60.0;
-/// A sequence further ahead than this is no gap but a damaged number.
-pub const LARGEST_GAP: u64 = 1_000_000;
 /// Sources that were replaced and must not take the stream back while it flows.
 const REPLACED: usize = 8;
-/// A unit quaternion's norm may be off by this much: single precision and a little more.
-pub const QUATERNION_NORM_TOLERANCE: f64 = 1e-3;
 
 /// A sample to be used.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -160,7 +156,9 @@ impl Gate {
         let sequence = measurement.sequence;
         match &mut self.seen.newest {
             Some(newest) if newest.source != source => self.seen.other_source = Some(source),
-            Some(newest) if (1..=LARGEST_GAP).contains(&sequence.saturating_sub(newest.seen_sequence)) => {
+            Some(newest)
+                if (1..=MAX_SEQUENCE_GAP).contains(&sequence.saturating_sub(newest.seen_sequence)) =>
+            {
                 newest.lost_before_seen += sequence - newest.seen_sequence - 1;
                 newest.seen_sequence = sequence;
             }
@@ -249,7 +247,7 @@ impl Gate {
         if other {
             return Ok(anew);
         }
-        if (1..=LARGEST_GAP).contains(&m.sequence.saturating_sub(newest.sequence)) {
+        if (1..=MAX_SEQUENCE_GAP).contains(&m.sequence.saturating_sub(newest.sequence)) {
             let gap = m.sequence.saturating_sub(newest.seen_sequence).saturating_sub(1);
             return Ok(Accepted { lost: newest.lost_before_seen + gap, new_source: false, ..anew });
         }

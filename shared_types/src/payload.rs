@@ -229,6 +229,11 @@ impl Measurement {
     }
 }
 
+/// A measured attitude's norm may differ from 1 by this much: single precision and a little more.
+pub const QUATERNION_NORM_TOLERANCE: f64 = 1e-3;
+/// A sequence further ahead than this is no gap but a damaged number.
+pub const MAX_SEQUENCE_GAP: u64 = 1_000_000;
+
 /// How far one channel's estimate can be trusted.
 ///
 /// Units are those of the channel's output: m/s for translation, rad/s for rotation, of the configuration for a

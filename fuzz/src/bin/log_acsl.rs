@@ -2,12 +2,7 @@
 
 #![no_main]
 
+use importers::{Acsl, ImportOptions};
 use libfuzzer_sys::fuzz_target;
-use sim_publisher::{Format, Import, parse_flight};
 
-fuzz_target!(|bytes: &[u8]| fuzz::check_flight(parse_flight(
-    Format::Acsl,
-    bytes,
-    "fuzz",
-    &Import::default()
-)));
+fuzz_target!(|bytes: &[u8]| fuzz::check_log(&Acsl, bytes, &ImportOptions::default()));

@@ -2,19 +2,15 @@
 
 #![no_main]
 
+use importers::{Csv, CsvMap, ImportOptions};
 use libfuzzer_sys::fuzz_target;
-use sim_publisher::{CsvMap, Format, Import, parse_flight};
 
 const BETWEEN: &[u8] = b"\n---\n";
 
 fuzz_target!(|bytes: &[u8]| {
     let Some(at) = bytes.windows(BETWEEN.len()).position(|window| window == BETWEEN) else { return };
     let Ok(map) = str::from_utf8(&bytes[..at]) else { return };
-    let Ok(map) = toml::from_str::<CsvMap>(map) else { return };
-    fuzz::check_flight(parse_flight(
-        Format::Csv,
-        &bytes[at + BETWEEN.len()..],
-        "fuzz",
-        &Import { map, ..Import::default() },
-    ));
+    let Ok(columns) = toml::from_str::<CsvMap>(map) else { return };
+    let options = ImportOptions { columns, ..ImportOptions::default() };
+    fuzz::check_log(&Csv, &bytes[at + BETWEEN.len()..], &options);
 });

@@ -2,19 +2,14 @@
 
 #![no_main]
 
+use importers::{CsvMap, ImportOptions, Mcap, parse_flight};
 use libfuzzer_sys::fuzz_target;
-use sim_publisher::{CsvMap, Format, Import, parse_flight};
 
 fuzz_target!(|bytes: &[u8]| {
-    let column = |axis: &str| Some(format!("/a:v.{axis}"));
-    let named = CsvMap {
-        velocity_x: column("x"),
-        velocity_y: column("y"),
-        velocity_z: column("z"),
-        ..CsvMap::default()
-    };
-    for map in [CsvMap::default(), named] {
-        let import = Import { map, ..Import::default() };
-        fuzz::check_recording(parse_flight(Format::Mcap, bytes, "fuzz", &import));
+    let pairs = ["x", "y", "z"].map(|axis| format!("velocity_{axis}=/a:v.{axis}"));
+    for pairs in [&pairs[..0], &pairs] {
+        let columns = CsvMap::read(None, pairs).expect("three pairs");
+        let options = ImportOptions { columns, ..ImportOptions::default() };
+        fuzz::check_recording(parse_flight(&Mcap, bytes, "fuzz", &options));
     }
 });
