@@ -22,6 +22,10 @@ const ROUNDING: f64 = 3e-6;
 
 /// The interpreter of an environment with pymavlink; `None`, and said so, where this machine gives none.
 fn python() -> Option<PathBuf> {
+    if !sim_publisher::HAS_MAVLINK {
+        testkit::skip("the MAVLink bridge", "it is not in this program; needed: --features mavlink");
+        return None;
+    }
     let directory = Path::new(env!("CARGO_TARGET_TMPDIR")).join("mavlink-peer");
     let made = testkit::python::environment(&directory, &[PYMAVLINK]);
     made.inspect_err(|reason| testkit::skip("the MAVLink bridge against pymavlink", reason)).ok()
@@ -397,6 +401,11 @@ fn the_bridge_outlives_the_service_and_feeds_its_successor() {
 #[test]
 fn what_cannot_be_opened_is_named_with_a_remedy() {
     let domain = TestDomain::new();
+    if !sim_publisher::HAS_MAVLINK {
+        let ended = BENCH.start(&domain, &["sim_publisher", "mavlink", "--listen", "x"]).finish();
+        assert!(ended.log.contains("--features mavlink"), "{ended:?}");
+        return;
+    }
     let taken = UdpSocket::bind("127.0.0.1:0").unwrap();
     let in_use = format!("udp:{}", taken.local_addr().unwrap());
     let refused = [

@@ -8,11 +8,12 @@ use daemon::assemble;
 use daemon::config::{Clock, ConfigFile};
 use daemon::engine::{Checkpoint, Engine, LoopCommand, to_payload};
 use daemon::gate::{Gate, sample_of};
+use importers::{Acsl, ImportOptions, read_flight};
 use observer::Learn;
 use shared_types::payload::status_bits;
 use shared_types::{Estimate, Measurement};
 use sim_publisher::faults::{Delivery, Faults, Faulty, read_faults};
-use sim_publisher::{Format, ImportOptions, Scenario, Simulation, SimulationOptions, read_flight};
+use sim_publisher::{Scenario, Simulation, SimulationOptions};
 use std::fmt::Write;
 use std::path::Path;
 
@@ -214,7 +215,7 @@ fn no_estimate_of_a_preset_or_of_the_recorded_flight_has_changed() {
 
     if Path::new(FLIGHT).exists() {
         let file = ConfigFile::preset("acsl-x8").unwrap();
-        let flight = read_flight(Format::Acsl, Path::new(FLIGHT), &ImportOptions::default()).unwrap();
+        let flight = read_flight(&Acsl, Path::new(FLIGHT), &ImportOptions::default()).unwrap();
         let mut arrivals: Arrivals = Vec::new();
         for mut measurement in flight.samples {
             assert!(sample_of(&measurement, &file.config.input).is_ok());

@@ -1,15 +1,15 @@
 //! What holds for every imported flight.
 
+use importers::{ImportError, ImportOptions, Importer, RecordedFlight, parse_flight};
 use shared_types::Measurement;
 use shared_types::payload::valid;
-use sim_publisher::{ImportError, RecordedFlight};
 
-/// What every imported flight keeps to.
+/// Any bytes as a log: refused with a sentence, or a flight whose samples are numbered from 0 with unit attitudes.
 ///
 /// # Panics
-/// If one does not.
-pub(crate) fn check_flight(flight: Result<RecordedFlight, ImportError>) {
-    let Some(flight) = check_recording(flight) else { return };
+/// If it is neither.
+pub(crate) fn check_log(importer: &dyn Importer, bytes: &[u8], options: &ImportOptions) {
+    let Some(flight) = check_recording(parse_flight(importer, bytes, "fuzz", options)) else { return };
     for (sequence, sample) in flight.samples.iter().enumerate() {
         assert_eq!(sample.sequence, sequence as u64);
         assert!(!sample.has(valid::ATTITUDE) || (norm(sample) - 1.0).abs() < 1e-9, "{sample:?}");

@@ -3,8 +3,8 @@
 use crate::bytes::Bytes;
 use mavlink::dialects::common::MavMessage;
 use mavlink::{Message, calculate_crc};
+use mavlink_bridge::{Bridge, Settings, Source};
 use shared_types::payload::{frame, valid};
-use sim_publisher::mavlink::bridge::{Bridge, Settings, Source};
 
 /// Those that are understood: HEARTBEAT, ATTITUDE, ATTITUDE_QUATERNION, LOCAL_POSITION_NED, COMMAND_ACK, ATTITUDE_TARGET,
 /// TIMESYNC, ACTUATOR_CONTROL_TARGET, ODOMETRY.
@@ -40,7 +40,7 @@ pub(crate) fn run(bytes: &[u8]) {
             None => bridge.receive(&payload, None, now_ns),
         }
         sequence = sequence.wrapping_add(1);
-        bridge.turn(now_ns);
+        bridge.poll(now_ns);
         for sample in bridge.take_samples() {
             assert!(sample.stamp_ns > newest && sample.stamp_ns <= now_ns, "{sample:?}");
             assert_eq!(sample.sequence, n_samples);

@@ -1,6 +1,10 @@
 //! The vehicle's side of the service without a vehicle: a true plant with sensors and faults, or a recorded
 //! flight, published as live samples.
 //!
+//! It depends on `shared_types`, and on two crates in its rooms: `importers` reads recorded flights, `mavlink_bridge` (a
+//! Cargo feature) speaks to a live vehicle. It depends neither on the service nor on the observer: the true plant shares no
+//! model and no integrator with them, so that the two cannot flatter each other.
+//!
 //! | module | holds |
 //! |---|---|
 //! | [`plant`] | a rigid body under a held command, RK4; what a nominal plant leaves out of it |
@@ -9,15 +13,9 @@
 //! | [`sensors`] | what is measured of the truth, when, how badly, and which samples never arrive |
 //! | [`faults`] | what goes wrong on purpose, and when: a pure stage between samples and publication |
 //! | [`simulation`] | all of them together: an iterator over samples, without clock or files |
-//! | [`replay`] | recorded flights as samples |
-//! | [`inspect`] | what a log holds, and how to go on with it |
-//! | [`mavlink`] | a live vehicle as samples, and the estimate back to it |
 //! | [`publish`] | samples into shared memory, each at its own stamp |
 //! | [`supervise`] | the publishing process stopped, killed and started again, on purpose |
-//! | [`cli`] | the program |
-//!
-//! Nothing here uses the observer's model or integrator, so that the two cannot flatter each other: of the service's
-//! crate only the reader of its flight records, and what its gate lets pass.
+//! | [`cli`] | the command line; no other file imports it |
 //!
 //! ```
 //! use sim_publisher::{Scenario, Simulation, SimulationOptions};
@@ -34,20 +32,16 @@
 pub mod cli;
 pub mod disturbance;
 pub mod faults;
-pub mod inspect;
-pub mod mavlink;
 pub mod plant;
 pub mod publish;
-pub mod replay;
 pub mod scenario;
 pub mod sensors;
 pub mod simulation;
 pub mod supervise;
 
 pub use cli::main_with_args;
-pub use replay::{
-    CsvMap, Format, Import, ImportError, ImportOptions, RecordedFlight, UlogScales, parse_flight,
-    read_flight, say_findings,
-};
 pub use scenario::Scenario;
 pub use simulation::{SimulatedSample, Simulation, SimulationError, SimulationOptions};
+
+/// Whether the subcommand `mavlink` was built.
+pub const HAS_MAVLINK: bool = cfg!(feature = "mavlink");

@@ -7,17 +7,16 @@ use daemon::config::ConfigFile;
 use daemon::gate::sample_of;
 use daemon::replay::config_of;
 use flight_record::{Frame, Reader};
-use sim_publisher::{Format, ImportOptions, read_flight, say_findings};
+use importers::read_flight;
+use shared_types::logln;
+use sim_publisher::cli::ImportArguments;
 use std::path::{Path, PathBuf};
 
 /// A recorded flight and a configuration.
 #[derive(Debug, Args)]
 pub(crate) struct FlightArguments {
-    /// The recorded flight.
-    pub(crate) file: PathBuf,
-    /// How it is written [default: by the file's ending].
-    #[arg(long, value_enum)]
-    format: Option<Format>,
+    #[command(flatten)]
+    import: ImportArguments,
     /// Configuration file [default: a flight record's own; preset acsl-x8 for an acsl
     /// log, rigid-body otherwise].
     #[arg(long, value_name = "FILE", conflicts_with = "preset")]
@@ -25,8 +24,6 @@ pub(crate) struct FlightArguments {
     /// Built-in configuration.
     #[arg(long, value_name = "NAME")]
     preset: Option<String>,
-    #[command(flatten)]
-    import: ImportOptions,
     /// Length of the coasts: that of the outages to be expected.
     #[arg(long, value_name = "S", default_value_t = 0.5)]
     coast_s: f64,
@@ -41,23 +38,27 @@ pub(crate) struct Replay {
 }
 
 impl FlightArguments {
+    /// The file of the flight.
+    pub(crate) fn file(&self) -> &Path {
+        &self.import.file
+    }
+
     /// Reads both; of the flight the part in the air, where its format tells.
     ///
     /// # Errors
     /// What cannot be read, or is too short.
     pub(crate) fn read(&self) -> anyhow::Result<Replay> {
-        let format = self.format.or_else(|| Format::of(&self.file)).with_context(|| {
-            format!("'{}': its ending tells no format; needed: --format", self.file.display())
-        })?;
-        let config = match (&self.config, &self.preset, format) {
+        let importer = self.import.importer()?;
+        let config = match (&self.config, &self.preset, importer.name()) {
             (Some(path), _, _) => ConfigFile::read(path)?,
             (None, Some(name), _) => ConfigFile::preset(name)?,
-            (None, None, Format::Acsl) => ConfigFile::preset("acsl-x8")?,
-            (None, None, Format::Record) => configuration_of_record(&self.file)?,
-            (None, None, Format::Csv | Format::Mcap | Format::Ulog) => ConfigFile::preset("rigid-body")?,
+            (None, None, "acsl") => ConfigFile::preset("acsl-x8")?,
+            (None, None, "record") => configuration_of_record(self.file())?,
+            (None, None, _) => ConfigFile::preset("rigid-body")?,
         };
-        let flight = read_flight(format, &self.file, &self.import)?;
-        say_findings(&flight, &self.file.display().to_string());
+        let flight = read_flight(importer, self.file(), &self.import.options()?)?;
+        let file = self.file().display();
+        flight.findings().iter().for_each(|finding| logln!("'{file}': {finding}"));
         let flown = flight.airborne_only().unwrap_or(flight);
         let samples: Vec<_> =
             flown.samples.iter().filter_map(|m| sample_of(m, &config.config.input).ok()).collect();

@@ -74,7 +74,7 @@ struct Document {
 /// The flight or the configuration cannot be read, or the flight is too short.
 pub(crate) fn run(arguments: &ReplayArguments) -> anyhow::Result<()> {
     if arguments.check {
-        return check::run(&arguments.flight.file, arguments.json);
+        return check::run(arguments.flight.file(), arguments.json);
     }
     if let Some(file) = &arguments.plot {
         plot::check_target(file)?;
@@ -98,7 +98,7 @@ pub(crate) fn run(arguments: &ReplayArguments) -> anyhow::Result<()> {
         whole_flight_coast_q_n2_s: None,
     };
     let document = Document {
-        file: arguments.flight.file.display().to_string(),
+        file: arguments.flight.file().display().to_string(),
         configuration: config.name().to_owned(),
         samples: flight.samples.len(),
         samples_rejected,

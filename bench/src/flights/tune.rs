@@ -185,7 +185,7 @@ pub(crate) fn run(arguments: &TuneArguments) -> anyhow::Result<()> {
     let kalman = evaluate_kalman(&flight, translation)?;
     let improved = second_half[1].coast_rms_m_s < second_half[0].coast_rms_m_s;
     let mut document = Document {
-        file: arguments.flight.file.display().to_string(),
+        file: arguments.flight.file().display().to_string(),
         start: start.name().to_owned(),
         improved,
         written: None,

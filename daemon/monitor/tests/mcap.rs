@@ -2,13 +2,13 @@
 //! WebSocket client, in an environment of their own (skipped aloud where Python is missing).
 
 use crate::programs::{MONITOR, monitor, service, simulator, vehicle};
+use importers::{CsvMap, ImportOptions, Mcap, parse_flight, read_flight};
 use rustix::process::Signal;
 use serde::Serialize;
 use serde_json::{Value, json};
 use shared_types::client::Stream;
 use shared_types::payload::{Estimate, Measurement, Status, Truth, status_bits, valid};
 use shared_types::{Client, clock::monotonic_ns};
-use sim_publisher::{Format, ImportOptions, read_flight};
 use std::collections::BTreeMap;
 use std::io::{BufRead, BufReader};
 use std::path::{Path, PathBuf};
@@ -225,15 +225,16 @@ fn a_public_reader_finds_in_a_recording_what_was_published() {
     assert!(n_estimates > 20 && (missing, restarts) == (0, 0), "{summary}");
 
     // Our own reader first, which needs no Python.
-    let flight = read_flight(Format::Mcap, &file, &ImportOptions::default()).unwrap();
+    let flight = read_flight(&Mcap, &file, &ImportOptions::default()).unwrap();
     assert_same_bits(&flight.samples, &from_the_first(measurements));
     assert_eq!(flight.skipped_rows(), 0);
 
     // Any channel will do, by its fields' names.
     let truth_columns =
         ["x", "y", "z"].map(|axis| format!("velocity_{axis}=/vehicle/truth:velocity_m_s.{axis}"));
-    let options = ImportOptions { column: truth_columns.to_vec(), ..ImportOptions::default() };
-    let flown = read_flight(Format::Mcap, &file, &options).unwrap();
+    let options =
+        ImportOptions { columns: CsvMap::read(None, &truth_columns).unwrap(), ..ImportOptions::default() };
+    let flown = read_flight(&Mcap, &file, &options).unwrap();
     let velocities = |samples: &[Measurement]| samples.iter().map(|s| s.velocity_m_s).collect::<Vec<_>>();
     assert_eq!(
         velocities(&flown.samples),
@@ -331,7 +332,7 @@ fn a_recording_goes_on_across_a_killed_service_and_is_whole_without_its_end() {
     assert!(heard.len() > n_before, "no samples after the restart");
 
     // Nearly all is there: what was sent up to a second before the kill.
-    let flight = read_flight(Format::Mcap, &file, &ImportOptions::default()).unwrap();
+    let flight = read_flight(&Mcap, &file, &ImportOptions::default()).unwrap();
     let n_old = heard.values().filter(|sample| sample.stamp_ns + 1_000_000_000 < killed_ns).count();
     assert!(flight.samples.len() >= n_old && n_old > 40, "{} of {n_old}", flight.samples.len());
     assert!(flight.samples.len() <= heard.len());
@@ -417,7 +418,7 @@ fn what_cannot_be_written_is_said() {
     assert_eq!((code, document["not_written"].as_u64()), (Some(0), Some(0)), "{log}");
     assert_eq!(document["bytes"], file.metadata().unwrap().len());
     // No vehicle, no samples: said, and no flight.
-    let error = read_flight(Format::Mcap, &file, &ImportOptions::default()).unwrap_err().to_string();
+    let error = read_flight(&Mcap, &file, &ImportOptions::default()).unwrap_err().to_string();
     assert!(error.contains("no measurements") && error.contains("/vehicle/estimate"), "{error}");
     let taken = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
     let Ended { code, log, .. } = run(&["serve", "--listen", &taken.local_addr().unwrap().to_string()]);

@@ -1,12 +1,40 @@
 //! The service's own flight record: the samples as they arrived, also those that it rejected for their
 //! time or source.
 
-use super::{Collector, ImportError, RecordedFlight};
+use crate::collector::Collector;
+use crate::error::ImportError;
+use crate::flight::RecordedFlight;
+use crate::importer::{ImportOptions, Importer};
 use flight_record::{Entry, Frame, Reader};
 use std::io::Cursor;
 
-pub(super) fn parse(bytes: &[u8], path: &str) -> Result<RecordedFlight, ImportError> {
-    let no_record = |found: String| ImportError::NoRecord { path: path.into(), found };
+/// The service's flight record.
+#[derive(Debug)]
+pub struct Record;
+
+impl Importer for Record {
+    fn name(&self) -> &'static str {
+        "record"
+    }
+
+    fn about(&self) -> &'static str {
+        "Flight record of `daemon run --record`"
+    }
+
+    fn ending(&self) -> &'static str {
+        "rec"
+    }
+
+    fn import(&self, bytes: &[u8], file: &str, _: &ImportOptions) -> Result<RecordedFlight, ImportError> {
+        parse(bytes, file)
+    }
+}
+
+fn parse(bytes: &[u8], path: &str) -> Result<RecordedFlight, ImportError> {
+    let no_record = |found: String| ImportError::Content {
+        path: path.into(),
+        found: format!("no flight record that can be read: {found}; needed: a file of `daemon run --record`"),
+    };
     let mut reader = Reader::new(Cursor::new(bytes));
     let mut flight = Collector::of_recording();
     let (mut sessions, mut ticks_left_out, mut n_samples) = (0_u64, 0, 0);

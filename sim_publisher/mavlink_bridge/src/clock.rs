@@ -19,11 +19,11 @@ const BUCKET_NS: u64 = WINDOW_NS / N_BUCKETS as u64;
 /// A time so far behind the newest one, or ahead of the offset, is of a clock that was set anew (ns).
 const RESET_NS: i128 = 1_000_000_000;
 /// A round trip as long as this tells nothing that the smallest delay does not (ns).
-const LONGEST_ROUND_TRIP_NS: u64 = 200_000_000;
+const MAX_ROUND_TRIP_NS: u64 = 200_000_000;
 
 /// Whether the vehicle's clock goes on.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Observed {
+pub(crate) enum Observed {
     /// As before.
     Steady,
     /// It was set anew, by a reboot for example: offsets begin from here.
@@ -51,7 +51,7 @@ pub struct VehicleClock {
 
 impl VehicleClock {
     /// Takes notice of a message that holds the vehicle's time and arrived at `receive_ns`.
-    pub fn observe(&mut self, vehicle_ns: i128, receive_ns: u64) -> Observed {
+    pub(crate) fn observe(&mut self, vehicle_ns: i128, receive_ns: u64) -> Observed {
         let backwards = self.newest_vehicle_ns.is_some_and(|newest| vehicle_ns < newest - RESET_NS);
         let ahead =
             self.offset_ns().is_some_and(|offset| vehicle_ns + offset > i128::from(receive_ns) + RESET_NS);
@@ -73,7 +73,7 @@ impl VehicleClock {
     }
 
     /// Takes notice of an answer to TIMESYNC: sent and received by our clock, answered by the vehicle's.
-    pub fn exchange(&mut self, sent_ns: u64, vehicle_ns: i128, received_ns: u64) {
+    pub(crate) fn exchange(&mut self, sent_ns: u64, vehicle_ns: i128, received_ns: u64) {
         let Some(round_trip_ns) = received_ns.checked_sub(sent_ns) else { return };
         let middle_ns = sent_ns + round_trip_ns / 2;
         let new =
@@ -81,7 +81,7 @@ impl VehicleClock {
         let kept = self.exchange.filter(|kept| {
             kept.round_trip_ns < round_trip_ns && received_ns.saturating_sub(kept.at_ns) < WINDOW_NS
         });
-        if round_trip_ns < LONGEST_ROUND_TRIP_NS {
+        if round_trip_ns < MAX_ROUND_TRIP_NS {
             self.exchange = kept.or(Some(new));
         }
     }
@@ -102,7 +102,7 @@ impl VehicleClock {
     }
 
     /// Our time less the vehicle's (ns).
-    pub fn offset_ns(&self) -> Option<i128> {
+    pub(crate) fn offset_ns(&self) -> Option<i128> {
         let smallest = self.smallest_ns()?;
         Some(self.usable_exchange().map_or(smallest, |exchange| exchange.offset_ns.min(smallest)))
     }
@@ -113,7 +113,7 @@ impl VehicleClock {
     }
 
     /// CLOCK_MONOTONIC of a time that was observed; `None` where it is not later than the one stamped before.
-    pub fn stamp_ns(&mut self, vehicle_ns: i128) -> Option<u64> {
+    pub(crate) fn stamp_ns(&mut self, vehicle_ns: i128) -> Option<u64> {
         let mut stamp_ns = vehicle_ns + self.offset_ns()?;
         let (stamped_vehicle_ns, stamped_ns) = self.stamped;
         if let Some(before_ns) = stamped_vehicle_ns {

@@ -1,4 +1,4 @@
-//! Bytes into MAVLink frames, versions 1 and 2 mixed. Whatever else comes is skipped and counted.
+//! Bytes into MAVLink frames, versions 1 and 2 mixed. Other bytes are skipped and counted.
 //!
 //! ```text
 //! version 1: FE length sequence system component id        payload sum sum
@@ -10,6 +10,7 @@
 
 use mavlink::dialects::common::MavMessage;
 use mavlink::{MavlinkVersion, Message, calculate_crc};
+use std::net::SocketAddr;
 
 const MARKER_V1: u8 = 0xFE;
 const MARKER_V2: u8 = 0xFD;
@@ -19,11 +20,14 @@ const SUM: usize = 2;
 const SIGNATURE: usize = 13;
 /// The one incompatibility flag that is understood: a signature follows. A frame with another must not be read.
 const SIGNED: u8 = 1;
-const LONGEST_PAYLOAD: usize = 255;
+const MAX_PAYLOAD_BYTES: usize = 255;
+
+/// Where bytes come from: an address, or `None` for the one other end of a serial line.
+pub type Peer = Option<SocketAddr>;
 
 /// A frame whose sum is right.
 #[derive(Debug, Clone, Copy)]
-pub struct Frame {
+pub(crate) struct Frame {
     /// Of the protocol.
     pub version: MavlinkVersion,
     /// Of the sender, counts modulo 256.
@@ -34,13 +38,13 @@ pub struct Frame {
     pub component_id: u8,
     /// Of the common message set.
     pub message_id: u32,
-    payload: [u8; LONGEST_PAYLOAD],
+    payload: [u8; MAX_PAYLOAD_BYTES],
     payload_length: usize,
 }
 
 impl Frame {
     /// As sent; version 2 leaves zeros at the end out.
-    pub fn payload(&self) -> &[u8] {
+    pub(crate) fn payload(&self) -> &[u8] {
         &self.payload[..self.payload_length]
     }
 }
@@ -52,7 +56,7 @@ pub struct FrameTally {
     pub bytes: u64,
     /// Frames whose sum was right.
     pub frames: u64,
-    /// Of them, with a signature, which nobody checked.
+    /// Of them, with a signature, which is not checked.
     pub signed: u64,
     /// Bytes of no frame.
     pub garbage_bytes: u64,
@@ -64,7 +68,7 @@ pub struct FrameTally {
 
 impl FrameTally {
     /// Both together.
-    pub fn plus(self, other: Self) -> Self {
+    pub(crate) fn plus(self, other: Self) -> Self {
         Self {
             bytes: self.bytes + other.bytes,
             frames: self.frames + other.frames,
@@ -87,7 +91,7 @@ enum Candidate {
 
 /// Takes the bytes of one sender in any pieces.
 #[derive(Debug, Clone, Default)]
-pub struct Decoder {
+pub(crate) struct Decoder {
     /// From the first byte that may still belong to a frame.
     bytes: Vec<u8>,
     tally: FrameTally,
@@ -95,18 +99,18 @@ pub struct Decoder {
 
 impl Decoder {
     /// What came so far.
-    pub fn tally(&self) -> FrameTally {
+    pub(crate) fn tally(&self) -> FrameTally {
         self.tally
     }
 
     /// Adds bytes; then take all frames.
-    pub fn feed(&mut self, bytes: &[u8]) {
+    pub(crate) fn feed(&mut self, bytes: &[u8]) {
         self.tally.bytes += bytes.len() as u64;
         self.bytes.extend_from_slice(bytes);
     }
 
     /// Passes all frames that are whole to `take`. What stays is shorter than one frame.
-    pub fn take_all(&mut self, mut take: impl FnMut(&Frame)) {
+    pub(crate) fn take_all(&mut self, mut take: impl FnMut(&Frame)) {
         let mut at = 0;
         while let Some(skipped) = self.bytes[at..].iter().position(|b| is_marker(*b)) {
             self.skip(&mut at, skipped);
@@ -188,7 +192,7 @@ fn header(bytes: &[u8]) -> Frame {
         system_id: bytes[3],
         component_id: bytes[4],
         message_id: u32::from(bytes[5]),
-        payload: [0; LONGEST_PAYLOAD],
+        payload: [0; MAX_PAYLOAD_BYTES],
         payload_length: usize::from(bytes[1]),
     };
     if bytes[0] == MARKER_V2 {

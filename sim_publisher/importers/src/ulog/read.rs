@@ -12,22 +12,14 @@
 //!
 //! Each message is a sample at its own `timestamp_sample` with its own fields; messages of one instant are one sample.
 
-use super::{Collector, ImportError, Place, RecordedFlight, SkipReason};
+use crate::collector::Collector;
+use crate::error::ImportError;
+use crate::flight::{Place, RecordedFlight, SkipReason};
+use crate::importer::ImportOptions;
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 use px4_ulog::stream_parser::{DataMessage, LogParser, model::DropoutMessage};
 use shared_types::Measurement;
 use std::collections::BTreeMap;
-
-/// What a ULog does not say of its vehicle.
-#[derive(Debug, Clone, Copy, Default, PartialEq)]
-pub struct UlogScales {
-    /// Force of a thrust set-point of 1 (N), with the body's axes.
-    pub thrust_n: Option<f64>,
-    /// Torque of a torque set-point of 1 (N m), about each axis of the body.
-    pub torque_n_m: Option<[f64; 3]>,
-    /// Mass (kg), from which and from the log's own hover thrust the thrust follows where it is not given.
-    pub mass_kg: Option<f64>,
-}
 
 /// Standard gravity (m/s²).
 const GRAVITY_M_S2: f64 = 9.80665;
@@ -49,23 +41,23 @@ enum Event {
     Landed(bool),
 }
 
-/// What a log holds, for people: topics with the number of their messages, and what was lost.
+/// What a log holds beside its events.
 #[derive(Debug, Clone, Default, PartialEq)]
-pub struct UlogContents {
+struct Contents {
     /// Topics and the number of their messages.
-    pub topics: BTreeMap<String, usize>,
-    /// Gaps of the logger, and their length in all (ms).
-    pub dropouts: usize,
-    /// In all (ms).
-    pub dropouts_ms: u64,
+    topics: BTreeMap<String, usize>,
+    /// Gaps of the logger.
+    dropouts: usize,
+    /// Their length in all (ms).
+    dropouts_ms: u64,
     /// Why reading ended before the end of the file, if it did.
-    pub ended_by: Option<String>,
+    ended_by: Option<String>,
     /// The log's own estimate of the set-point that carries the weight.
-    pub hover_thrust: Option<f64>,
+    hover_thrust: Option<f64>,
 }
 
 /// Reads what matters, in the order of the file.
-fn read(bytes: &[u8]) -> (Vec<(u64, Event)>, UlogContents) {
+fn read(bytes: &[u8]) -> (Vec<(u64, Event)>, Contents) {
     let mut events = Vec::new();
     let mut topics: BTreeMap<String, usize> = BTreeMap::new();
     let (mut dropouts, mut dropouts_ms) = (0, 0);
@@ -93,7 +85,7 @@ fn read(bytes: &[u8]) -> (Vec<(u64, Event)>, UlogContents) {
         Event::HoverThrust(thrust) => Some(*thrust),
         _ => None,
     });
-    (events, UlogContents { topics, dropouts, dropouts_ms, ended_by, hover_thrust })
+    (events, Contents { topics, dropouts, dropouts_ms, ended_by, hover_thrust })
 }
 
 /// Feeds the log: up to its appended sections, if it has some (of a crash), then those. Of the messages only those that
@@ -191,9 +183,11 @@ fn event(topic: &str, message: &DataMessage<'_>) -> Option<(u64, Event)> {
     Some((sampled_us.or_else(|| stamp("timestamp"))?, event))
 }
 
-/// What the log holds, without reading it as a flight.
-pub fn ulog_contents(bytes: &[u8]) -> UlogContents {
-    read(bytes).1
+/// Topics with the number of their messages, and the hover thrust; read without joining them to a flight.
+pub(super) fn contents(bytes: &[u8]) -> Vec<String> {
+    let Contents { topics, hover_thrust, .. } = read(bytes).1;
+    let topics = topics.iter().map(|(topic, n)| format!("{topic} ({n})"));
+    topics.chain(hover_thrust.map(|thrust| format!("hover thrust {thrust:.3}"))).collect()
 }
 
 /// Old logs' controls as the set-points that newer ones have; dropped where both are there.
@@ -207,12 +201,12 @@ fn commanded(stamp_us: u64, event: Event, has_setpoints: bool) -> Vec<(u64, Even
     }
 }
 
-/// What the reader of a log should know before it is used.
+/// What the log lacks, a sentence each.
 fn remarks(
-    contents: &UlogContents,
+    contents: &Contents,
     events: &[(u64, Event)],
     thrust_n: Option<f64>,
-    scales: &UlogScales,
+    options: &ImportOptions,
 ) -> Vec<String> {
     let has = |is: fn(&Event) -> bool| events.iter().any(|(_, event)| is(event));
     let mut remarks = Vec::new();
@@ -229,7 +223,7 @@ fn remarks(
     if !has(|event| matches!(event, Event::Thrust(_))) {
         remarks.push("no force: neither vehicle_thrust_setpoint nor actuator_controls_0 is in it".into());
     } else if thrust_n.is_none() {
-        remarks.push(match scales.mass_kg {
+        remarks.push(match options.mass_kg {
             None => "no force: needed: --mass-kg, or --thrust-n, the force of a thrust set-point of 1".into(),
             Some(_) => "no force: the log has no hover_thrust_estimate, from which --mass-kg could tell it; \
                         needed: --thrust-n, the force of a thrust set-point of 1"
@@ -241,29 +235,34 @@ fn remarks(
     remarks
 }
 
-pub(super) fn parse(bytes: &[u8], path: &str, scales: &UlogScales) -> Result<RecordedFlight, ImportError> {
+pub(super) fn parse(
+    bytes: &[u8],
+    path: &str,
+    options: &ImportOptions,
+) -> Result<RecordedFlight, ImportError> {
     let (mut events, contents) = read(bytes);
     if events.is_empty() {
-        return Err(match contents.topics.is_empty() {
-            true => ImportError::NoUlog {
-                path: path.into(),
-                found: contents.ended_by.unwrap_or_else(|| "no message".into()),
-            },
-            false => ImportError::MissingTopics {
-                path: path.into(),
-                found: contents.topics.into_keys().collect::<Vec<_>>().join(", "),
-            },
-        });
+        let found = match contents.topics.is_empty() {
+            true => {
+                let found = contents.ended_by.unwrap_or_else(|| "no message".into());
+                format!("it is no ULog: {found}; needed: a log of PX4 (.ulg)")
+            }
+            false => format!(
+                "it has none of vehicle_local_position, vehicle_angular_velocity, vehicle_attitude; its topics are: {}",
+                contents.topics.into_keys().collect::<Vec<_>>().join(", ")
+            ),
+        };
+        return Err(ImportError::Content { path: path.into(), found });
     }
     let has_setpoints = events.iter().any(|(_, event)| matches!(event, Event::Thrust(_)));
     events = events.into_iter().flat_map(|(us, event)| commanded(us, event, has_setpoints)).collect();
     events.sort_by_key(|(stamp_us, _)| *stamp_us);
     let hover_n =
-        contents.hover_thrust.zip(scales.mass_kg).map(|(hover, mass_kg)| mass_kg * GRAVITY_M_S2 / hover);
-    let thrust_n = scales.thrust_n.or(hover_n);
+        contents.hover_thrust.zip(options.mass_kg).map(|(hover, mass_kg)| mass_kg * GRAVITY_M_S2 / hover);
+    let thrust_n = options.thrust_n.or(hover_n);
 
     let mut flight = Collector::counted_by(Place::Microsecond);
-    flight.remarks = remarks(&contents, &events, thrust_n, scales);
+    flight.remarks = remarks(&contents, &events, thrust_n, options);
     let mut attitude: Option<UnitQuaternion<f64>> = None;
     let (mut flying_since_us, mut airborne_us) = (None, None);
     let mut rest = &events[..];
@@ -295,7 +294,7 @@ pub(super) fn parse(bytes: &[u8], path: &str, scales: &UlogScales) -> Result<Rec
                     (None, _) => {}
                 },
                 Event::Torque(setpoint) => {
-                    if let Some(torque_n_m) = scales.torque_n_m {
+                    if let Some(torque_n_m) = options.torque_n_m {
                         let torque = Vector3::from(setpoint).component_mul(&Vector3::from(torque_n_m));
                         sample = sample.with_torque_n_m(torque.into());
                     }
@@ -388,8 +387,12 @@ mod tests {
                 (1, 0, payload(3000, &controls)),
             ],
         );
-        let scales = UlogScales { thrust_n: Some(20.0), torque_n_m: Some([1.0, 2.0, 3.0]), mass_kg: None };
-        let flight = parse(&bytes, "old.ulg", &scales).unwrap();
+        let options = ImportOptions {
+            thrust_n: Some(20.0),
+            torque_n_m: Some([1.0, 2.0, 3.0]),
+            ..ImportOptions::default()
+        };
+        let flight = parse(&bytes, "old.ulg", &options).unwrap();
         assert_eq!(flight.skipped.for_reason(SkipReason::NoAttitudeYet), 1, "{}", flight.skipped);
         assert!(flight.skipped.to_string().contains("at 500 µs"), "{}", flight.skipped);
         assert!(flight.remarks.iter().any(|remark| remark.contains("1 times, 7 ms")), "{:?}", flight.remarks);
@@ -405,7 +408,8 @@ mod tests {
 
     #[test]
     fn what_a_log_lacks_is_said() {
-        let sentence = |bytes: &[u8]| parse(bytes, "f.ulg", &UlogScales::default()).unwrap_err().to_string();
+        let sentence =
+            |bytes: &[u8]| parse(bytes, "f.ulg", &ImportOptions::default()).unwrap_err().to_string();
         assert!(sentence(b"").contains("is no ULog"), "{}", sentence(b""));
         assert!(sentence(b"time,vx\n0,1\n").contains("is no ULog"));
         let other = log(&[("cpuload", "uint64_t timestamp;float load;")], &[(0, 0, payload(1, &[0.5]))]);
@@ -414,10 +418,10 @@ mod tests {
             &[("vehicle_angular_velocity", "uint64_t timestamp;float[3] xyz;")],
             &[(0, 0, payload(1, &[0.1, 0.2, 0.3]))],
         );
-        let remarks = parse(&rates, "f.ulg", &UlogScales::default()).unwrap().remarks.join("; ");
+        let remarks = parse(&rates, "f.ulg", &ImportOptions::default()).unwrap().remarks.join("; ");
         assert!(remarks.contains("no valid velocity") && remarks.contains("no force: neither"), "{remarks}");
         // A message that ends within itself.
-        let torn = parse(&rates[..rates.len() - 1], "f.ulg", &UlogScales::default()).unwrap();
+        let torn = parse(&rates[..rates.len() - 1], "f.ulg", &ImportOptions::default()).unwrap();
         assert_eq!(torn.samples.len(), 1);
         assert!(torn.remarks[0].contains("ends within a message"), "{:?}", torn.remarks);
     }
@@ -425,13 +429,13 @@ mod tests {
     /// Counts and sums as pyulog 1.3.0 and NumPy tell them, the force turned by them too; attitudes are made unit here.
     #[test]
     fn a_real_log_is_read_as_pyulog_reads_it() {
-        let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../../shared/data/ulog/sample_px4_events.ulg");
+        let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../../../shared/data/ulog/sample_px4_events.ulg");
         let Ok(bytes) = std::fs::read(path) else {
             println!("skipped: {path} is not here (PX4/pyulog has it in test/)");
             return;
         };
-        let scales = UlogScales { thrust_n: Some(1.0), ..UlogScales::default() };
-        let flight = parse(&bytes, "sample", &scales).unwrap();
+        let options = ImportOptions { thrust_n: Some(1.0), ..ImportOptions::default() };
+        let flight = parse(&bytes, "sample", &options).unwrap();
         let sum = |bit: u32, values: fn(&Measurement) -> Vec<f64>| {
             let carrying = flight.samples.iter().filter(|sample| sample.has(bit));
             carrying.fold((0, Vec::new()), |(n, sum), sample| {

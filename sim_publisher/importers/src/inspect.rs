@@ -1,8 +1,11 @@
 //! What a log holds, and which options and numbers of a configuration follow from it.
 
-use crate::replay::{
-    Format, ImportError, ImportOptions, column_names, mcap_topics, parse_flight, read_file, ulog_contents,
-};
+use crate::csv::Csv;
+use crate::error::ImportError;
+use crate::importer::{ImportOption, ImportOptions, Importer};
+use crate::list::{by_ending, check, read_file};
+use crate::record::Record;
+use crate::table::CsvMap;
 use serde::Serialize;
 use shared_types::Measurement;
 use shared_types::payload::{frame, valid};
@@ -56,44 +59,37 @@ pub struct Findings {
 ///
 /// # Errors
 /// As [`crate::read_flight`]; a table whose columns are not named is no error.
-pub fn inspect(format: Format, path: &Path, options: &ImportOptions) -> Result<Findings, ImportError> {
+pub fn inspect(
+    importer: &dyn Importer,
+    path: &Path,
+    options: &ImportOptions,
+) -> Result<Findings, ImportError> {
     let file = path.display().to_string();
-    let import = options.import(format)?;
+    check(importer, options)?;
     let bytes = read_file(path)?;
-    let mut contents = Vec::new();
-    let mut has_unused_thrust = false;
-    match format {
-        Format::Ulog => {
-            let ulog = ulog_contents(&bytes);
-            has_unused_thrust = options.thrust_n.or(options.mass_kg).is_none();
-            contents.extend(ulog.topics.iter().map(|(topic, n)| format!("{topic} ({n})")));
-            contents.extend(ulog.hover_thrust.map(|thrust| format!("hover thrust {thrust:.3}")));
-        }
-        Format::Csv => contents = column_names(&bytes, &import.map)?,
-        Format::Mcap => contents = mcap_topics(&bytes, &file)?,
-        Format::Acsl | Format::Record => {}
-    }
-    let flight = match parse_flight(format, &bytes, &file, &import) {
-        Err(ImportError::Map(error)) if format == Format::Csv && options.map.is_none() => {
-            return Ok(unnamed_columns(file, &error.to_string(), contents, options));
+    let contents = importer.contents(&bytes, &file, options)?;
+    let flight = match importer.import(&bytes, &file, options) {
+        Err(ImportError::Map(error)) if importer.name() == Csv.name() => {
+            return Ok(unnamed_columns(file, &error.to_string(), contents, &options.columns));
         }
         other => other?,
     };
-    let shown = shell_word(&file);
-
+    let lacks_thrust =
+        importer.reads().contains(&ImportOption::Scales) && options.thrust_n.or(options.mass_kg).is_none();
     let quantities = quantities(&flight.samples);
-    let import = import_arguments(format, path, options, has_unused_thrust);
+    let arguments = arguments(importer, path, options, lacks_thrust);
     let airborne = if flight.airborne.is_some() { " --airborne-only" } else { "" };
     let has = |bit: u32| flight.samples.iter().any(|sample| sample.has(bit));
-    let mut commands = vec![format!("sim_publisher replay {shown}{import}{airborne}")];
-    if has(valid::VELOCITY) && (has(valid::FORCE) || has_unused_thrust) {
+    let shown = shell_word(&file);
+    let mut commands = vec![format!("sim_publisher replay {shown}{arguments}{airborne}")];
+    if has(valid::VELOCITY) && (has(valid::FORCE) || lacks_thrust) {
         // A flight record has its own.
-        let config = if format == Format::Record { "" } else { " --config vehicle.toml" };
-        commands.push(format!("bench replay {shown}{import}{config}"));
-        commands.push(format!("bench tune {shown}{import}{config}"));
+        let config = if importer.name() == Record.name() { "" } else { " --config vehicle.toml" };
+        commands.push(format!("bench replay {shown}{arguments}{config}"));
+        commands.push(format!("bench tune {shown}{arguments}{config}"));
     }
     Ok(Findings {
-        format: name_of(format),
+        format: importer.name().into(),
         samples: flight.samples.len(),
         duration_s: flight.duration_s(),
         airborne_s: flight.airborne_s(),
@@ -106,75 +102,67 @@ pub fn inspect(format: Format, path: &Path, options: &ImportOptions) -> Result<F
     })
 }
 
-/// Of a table whose columns nobody has named yet: what they may be.
-fn unnamed_columns(file: String, error: &str, columns: Vec<String>, options: &ImportOptions) -> Findings {
+/// Of a table whose columns are not named yet: what they may be.
+fn unnamed_columns(file: String, error: &str, columns: Vec<String>, map: &CsvMap) -> Findings {
     let mut remarks = vec![error.to_owned()];
+    let given = map.pairs();
+    let mut pairs = given.clone();
     let separator = match &columns[..] {
         [only] => [';', '\t', ' ', '|'].into_iter().find(|&separator| only.contains(separator)),
         _ => None,
     };
-    let mut pairs: Vec<String> = options.column.clone();
     if let Some(separator) = separator {
         remarks.push("a single column; the command below tries another separator".into());
         pairs.push(format!("separator={separator}"));
     } else {
-        let guesses = guesses(&columns);
-        if !guesses.is_empty() {
+        let is_given = |key: &String| given.iter().any(|pair| pair.split('=').next() == Some(key));
+        let guesses = guesses(&columns).into_iter().filter(|(key, _)| !is_given(key));
+        pairs.extend(guesses.map(|(key, column)| format!("{key}={column}")));
+        if pairs.len() > given.len() {
             remarks.push(
                 "the columns below are guessed from their names: check them, their units (SI) and axes"
                     .into(),
             );
         }
-        let key_of = |pair: &String| pair.split('=').next().unwrap_or_default().to_owned();
-        let given: Vec<String> = pairs.iter().map(key_of).collect();
-        pairs.extend(
-            guesses
-                .into_iter()
-                .filter(|(key, _)| !given.contains(key))
-                .map(|(key, column)| format!("{key}={column}")),
-        );
     }
-    let named = ImportOptions { column: pairs.clone(), ..options.clone() };
-    let arguments = import_arguments(Format::Csv, Path::new(&file), &named, false);
-    let commands = match pairs.len() > options.column.len() {
-        true => vec![format!("sim_publisher inspect {}{arguments}", shell_word(&file))],
-        false => vec![
-            "sim_publisher inspect FILE --column KEY=COLUMN … (keys: sim_publisher replay --help)".into(),
-        ],
+    let command = match pairs.len() > given.len() {
+        true => {
+            let format = format_argument(&Csv, Path::new(&file));
+            format!("sim_publisher inspect {}{format}{}", shell_word(&file), column_arguments(&pairs))
+        }
+        false => {
+            "sim_publisher inspect FILE --column KEY=COLUMN … (keys: sim_publisher replay --help)".into()
+        }
     };
     Findings {
         file,
-        format: name_of(Format::Csv),
+        format: Csv.name().into(),
         samples: 0,
         duration_s: 0.0,
         airborne_s: None,
         quantities: Vec::new(),
         remarks,
         contents: columns,
-        commands,
+        commands: vec![command],
         configuration: Vec::new(),
     }
 }
 
-fn name_of(format: Format) -> String {
-    use clap::ValueEnum;
-    format.to_possible_value().map_or_else(String::new, |value| value.get_name().to_owned())
+/// Where the file's ending does not tell it.
+fn format_argument(importer: &dyn Importer, file: &Path) -> String {
+    let is_told = by_ending(file).is_some_and(|told| told.name() == importer.name());
+    if is_told { String::new() } else { format!(" --format {}", importer.name()) }
 }
 
-/// The options that were given, and for a ULog without them what is still needed.
-fn import_arguments(format: Format, file: &Path, options: &ImportOptions, lacks_thrust: bool) -> String {
-    let mut arguments = String::new();
-    if Format::of(file) != Some(format) {
-        arguments += &format!(" --format {}", name_of(format));
-    }
-    for pair in &options.column {
-        arguments += &format!(" --column {}", shell_word(pair));
-    }
+fn column_arguments(pairs: &[String]) -> String {
+    pairs.iter().map(|pair| format!(" --column {}", shell_word(pair))).collect()
+}
+
+/// The options that were given, and the mass where it is still needed.
+fn arguments(importer: &dyn Importer, file: &Path, options: &ImportOptions, lacks_thrust: bool) -> String {
+    let mut arguments = format_argument(importer, file) + &column_arguments(&options.columns.pairs());
     if let Some(topic) = &options.topic {
         arguments += &format!(" --topic {}", shell_word(topic));
-    }
-    if let Some(map) = &options.map {
-        arguments += &format!(" --map {}", shell_word(&map.display().to_string()));
     }
     for (option, value) in [("--thrust-n", options.thrust_n), ("--mass-kg", options.mass_kg)] {
         arguments += &value.map_or(String::new(), |value| format!(" {option} {value}"));
@@ -188,7 +176,7 @@ fn import_arguments(format: Format, file: &Path, options: &ImportOptions, lacks_
     arguments
 }
 
-/// Names from a file may hold anything, also what a terminal obeys.
+/// Names from a file without the control characters that a terminal obeys.
 fn harmless(text: &str) -> String {
     text.replace(char::is_control, "·")
 }
@@ -345,8 +333,9 @@ mod tests {
         let directory = tempfile::tempdir().unwrap();
         let path = directory.path().join("a flight.csv");
         std::fs::write(&path, text).unwrap();
-        let column = pairs.iter().map(|pair| (*pair).to_owned()).collect();
-        inspect(Format::Csv, &path, &ImportOptions { column, ..ImportOptions::default() }).unwrap()
+        let pairs: Vec<_> = pairs.iter().map(|pair| (*pair).to_owned()).collect();
+        let columns = CsvMap::read(None, &pairs).unwrap();
+        inspect(&Csv, &path, &ImportOptions { columns, ..ImportOptions::default() }).unwrap()
     }
 
     #[test]

@@ -4,7 +4,11 @@
 //! Messages are read by the names in the file's own schema, so that a recording of another version is understood as far as
 //! the names are the same. A file without its end, of a recorder that was killed, is read up to there.
 
-use super::{Collector, CsvMap, ImportError, RecordedFlight, SkipReason, TimeUnit, table};
+use crate::collector::Collector;
+use crate::error::ImportError;
+use crate::flight::{RecordedFlight, SkipReason};
+use crate::importer::ImportOptions;
+use crate::table::{self, CsvMap, TimeUnit};
 use mcap::read::ChannelAccumulator;
 use mcap::records::{MessageHeader, Record};
 use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReader, LinearReaderOptions};
@@ -19,23 +23,30 @@ use std::collections::{BTreeMap, BTreeSet};
 /// The schema that `monitor record` gives to measurements.
 const SCHEMA: &str = "measurement.Measurement";
 /// A record may be longer than the file that holds it, compressed; but not than this (bytes).
-const LONGEST_RECORD: usize = 1 << 26;
+const MAX_RECORD_BYTES: usize = 1 << 26;
 
 /// The flight of the columns that the map names, else the measurements of `topic`, or of the only one.
 ///
 /// # Errors
-/// `Mcap` where the file is none, or has no such topic or field; `Map`; `Option`; `NoUsableRow`.
+/// `Content` where the file is none, or has no such topic or field; `Map`; `Option`; `NoUsableRow`.
 pub(super) fn parse(
     bytes: &[u8],
     name: &str,
-    map: &CsvMap,
-    topic: Option<&str>,
+    options: &ImportOptions,
 ) -> Result<RecordedFlight, ImportError> {
-    if *map == CsvMap::default() { recording(bytes, name, topic) } else { channels(bytes, name, map) }
+    let ImportOptions { columns, topic, .. } = options;
+    match *columns == CsvMap::default() {
+        true => recording(bytes, name, topic.as_deref()),
+        false if topic.is_none() => channels(bytes, name, columns),
+        false => Err(ImportError::Option(
+            "--topic and columns: needed: one of them; a column's topic is in --column KEY=/topic:path"
+                .into(),
+        )),
+    }
 }
 
 fn wrong(name: &str, found: String) -> ImportError {
-    ImportError::Mcap { path: name.into(), found }
+    ImportError::Content { path: name.into(), found }
 }
 
 /// Gives each message and its number to `take`; returns where and why the file ends early, if it does.
@@ -46,7 +57,7 @@ fn each(
 ) -> Result<Option<(u64, String)>, ImportError> {
     // Without a limit and a look at the check sums first, lengths of garbage overflow in the reader (mcap 0.26.0).
     let options = LinearReaderOptions::default()
-        .with_record_length_limit(bytes.len().max(LONGEST_RECORD))
+        .with_record_length_limit(bytes.len().max(MAX_RECORD_BYTES))
         .with_prevalidate_chunk_crcs(true);
     let mut reader = LinearReader::new_with_options(options);
     let mut channels = ChannelAccumulator::default();
@@ -99,8 +110,8 @@ fn each(
 /// The topics of a file, each with its schema and the number of its messages.
 ///
 /// # Errors
-/// `Mcap` where it is none.
-pub fn mcap_topics(bytes: &[u8], name: &str) -> Result<Vec<String>, ImportError> {
+/// `Content` where it is none.
+pub(super) fn topics(bytes: &[u8], name: &str) -> Result<Vec<String>, ImportError> {
     let mut topics: BTreeMap<(String, String), usize> = BTreeMap::new();
     each(bytes, name, |_, message| {
         let schema = message.channel.schema.as_ref().map_or("", |schema| &schema.name);
@@ -428,9 +439,9 @@ mod tests {
         bytes
     }
 
-    fn map(columns: &[&str]) -> CsvMap {
+    fn map(columns: &[&str]) -> ImportOptions {
         let columns: Vec<String> = columns.iter().map(ToString::to_string).collect();
-        CsvMap::read(None, &columns).unwrap()
+        ImportOptions { columns: CsvMap::read(None, &columns).unwrap(), ..ImportOptions::default() }
     }
 
     const VELOCITY: [&str; 3] = ["velocity_x=/dvl:v.0", "velocity_y=/dvl:v.1", "velocity_z=/dvl:v.2"];
@@ -448,7 +459,7 @@ mod tests {
             ["x=/imu:rates.p", "y=/imu:rates.q", "z=/imu:rates.r"].map(|c| format!("angular_velocity_{c}"));
         let columns: Vec<&str> = VELOCITY.into_iter().chain(rates.iter().map(String::as_str)).collect();
         for compression in [None, Some(Compression::Lz4)] {
-            let flight = parse(&file(&messages, compression), "file", &map(&columns), None).unwrap();
+            let flight = parse(&file(&messages, compression), "file", &map(&columns)).unwrap();
             let expected = [
                 Measurement::at(0, 0).with_velocity_m_s([1.0, 2.5, 1e-300]),
                 Measurement::at(10, 1)
@@ -464,9 +475,8 @@ mod tests {
     #[test]
     fn what_is_not_there_is_said() {
         let bytes = file(&[("/dvl", 1, r#"{"v": [1, 2]}"#), ("/other", 2, "{}")], None);
-        let refused = |bytes: &[u8], columns: &[&str]| {
-            parse(bytes, "file", &map(columns), None).unwrap_err().to_string()
-        };
+        let refused =
+            |bytes: &[u8], columns: &[&str]| parse(bytes, "file", &map(columns)).unwrap_err().to_string();
         assert!(refused(&bytes, &VELOCITY).contains("no message has a number at 'v.2'"));
         let error = refused(&bytes, &["velocity_x=/none:v"]);
         assert!(error.contains("no topic '/none'; its topics: /dvl, /other"), "{error}");
@@ -512,12 +522,12 @@ mod tests {
         };
         let columns = ["x", "y", "z"].map(|axis| format!("velocity_{axis}=/dvl:v"));
         let map = map(&columns.each_ref().map(String::as_str));
-        let flight = parse(&of_type(file("proto3")), "file", &map, None).unwrap();
+        let flight = parse(&of_type(file("proto3")), "file", &map).unwrap();
         assert_eq!(flight.samples[0].velocity_m_s, [2.5; 3]);
         let without_values = EnumDescriptorProto { name: Some("E".into()), ..Default::default() };
         let refused = FileDescriptorProto { enum_type: vec![without_values], ..file("proto3") };
         for file in [file("editions"), file("proto6"), file(""), refused] {
-            let error = parse(&of_type(file), "file", &map, None).unwrap_err().to_string();
+            let error = parse(&of_type(file), "file", &map).unwrap_err().to_string();
             assert!(
                 error.contains("protobuf of an edition") && error.contains("(proto2, proto3)"),
                 "{error}"
@@ -543,7 +553,7 @@ mod tests {
         let bytes = file(&messages, None);
         let mut n_before = 0;
         for end in 0..bytes.len() {
-            if let Ok(flight) = parse(&bytes[..end], "file", &map(&VELOCITY), None) {
+            if let Ok(flight) = parse(&bytes[..end], "file", &map(&VELOCITY)) {
                 assert!(flight.samples.len() >= n_before);
                 n_before = flight.samples.len();
             }

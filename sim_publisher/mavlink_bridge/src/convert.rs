@@ -8,8 +8,8 @@
 //! | ATTITUDE_TARGET | thrust set-point |
 //! | ACTUATOR_CONTROL_TARGET, group 0 | thrust and torque set-points |
 //!
-//! What is not finite, or no unit quaternion, is not there. Covariances are not taken: a measurement has no place for
-//! them.
+//! Fields that are not finite, and quaternions that are not of unit norm, are ignored. Covariances are ignored, too: a
+//! measurement has none.
 
 use mavlink::dialects::common::{
     ACTUATOR_CONTROL_TARGET_DATA, ATTITUDE_DATA, ATTITUDE_QUATERNION_DATA, LOCAL_POSITION_NED_DATA,
@@ -23,7 +23,7 @@ const NORM_TOLERANCE: f64 = 0.01;
 
 /// What one message says of the motion; what it does not say is `None`.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
-pub struct Motion {
+pub(crate) struct Motion {
     /// Inertial (m).
     pub position_m: Option<[f64; 3]>,
     /// Inertial (m/s).
@@ -38,7 +38,7 @@ pub struct Motion {
 
 impl Motion {
     /// Adds what is known to a sample.
-    pub fn add_to(&self, mut sample: Measurement) -> Measurement {
+    pub(crate) fn add_to(&self, mut sample: Measurement) -> Measurement {
         if let Some(position_m) = self.position_m {
             sample = sample.with_position_m(position_m);
         }
@@ -59,7 +59,7 @@ impl Motion {
 
 /// Why an ODOMETRY is not used.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
-pub enum Refused {
+pub(crate) enum Refused {
     /// Its axes are not those of the other messages.
     #[error(
         "ODOMETRY in frame {frame} with velocities in frame {child}: needed: MAV_FRAME_LOCAL_NED (1) or LOCAL_FRD (20), \
@@ -88,13 +88,13 @@ fn unit(wxyz: [f32; 4]) -> Option<[f64; 4]> {
 }
 
 /// Body to inertial.
-pub fn rotation([w, x, y, z]: [f64; 4]) -> UnitQuaternion<f64> {
+pub(crate) fn rotation([w, x, y, z]: [f64; 4]) -> UnitQuaternion<f64> {
     UnitQuaternion::new_unchecked(Quaternion::new(w, x, y, z))
 }
 
 /// # Errors
 /// `Frames` or `Failed`: nothing of it is to be used.
-pub fn odometry(message: &ODOMETRY_DATA) -> Result<Motion, Refused> {
+pub(crate) fn odometry(message: &ODOMETRY_DATA) -> Result<Motion, Refused> {
     let (frame, child) = (message.frame_id, message.child_frame_id);
     let is_local = matches!(frame, MavFrame::MAV_FRAME_LOCAL_NED | MavFrame::MAV_FRAME_LOCAL_FRD);
     // The old name of the same axes is still in use.
@@ -120,7 +120,7 @@ pub fn odometry(message: &ODOMETRY_DATA) -> Result<Motion, Refused> {
 }
 
 /// Position and velocity.
-pub fn local_position(message: &LOCAL_POSITION_NED_DATA) -> Motion {
+pub(crate) fn local_position(message: &LOCAL_POSITION_NED_DATA) -> Motion {
     Motion {
         position_m: finite([message.x, message.y, message.z]),
         velocity_m_s: finite([message.vx, message.vy, message.vz]),
@@ -129,7 +129,7 @@ pub fn local_position(message: &LOCAL_POSITION_NED_DATA) -> Motion {
 }
 
 /// Attitude and angular velocity, from roll, pitch and yaw: first yaw about z, then pitch about y, then roll about x.
-pub fn attitude(message: &ATTITUDE_DATA) -> Motion {
+pub(crate) fn attitude(message: &ATTITUDE_DATA) -> Motion {
     let wxyz = |[roll, pitch, yaw]: [f64; 3]| {
         let q = UnitQuaternion::from_euler_angles(roll, pitch, yaw);
         [q.w, q.i, q.j, q.k]
@@ -142,7 +142,7 @@ pub fn attitude(message: &ATTITUDE_DATA) -> Motion {
 }
 
 /// Attitude and angular velocity.
-pub fn attitude_quaternion(message: &ATTITUDE_QUATERNION_DATA) -> Motion {
+pub(crate) fn attitude_quaternion(message: &ATTITUDE_QUATERNION_DATA) -> Motion {
     Motion {
         attitude_wxyz: unit([message.q1, message.q2, message.q3, message.q4]),
         angular_velocity_rad_s: finite([message.rollspeed, message.pitchspeed, message.yawspeed]),
@@ -151,14 +151,14 @@ pub fn attitude_quaternion(message: &ATTITUDE_QUATERNION_DATA) -> Motion {
 }
 
 /// Roll, pitch and yaw torque and the thrust of the flight group (0), each −1 … 1.
-pub fn actuators(message: &ACTUATOR_CONTROL_TARGET_DATA) -> Option<([f64; 3], f64)> {
+pub(crate) fn actuators(message: &ACTUATOR_CONTROL_TARGET_DATA) -> Option<([f64; 3], f64)> {
     let [roll, pitch, yaw, thrust, ..] = message.controls;
     let thrust_and = |torque| thrust.is_finite().then_some((torque, f64::from(thrust)));
     finite([roll, pitch, yaw]).filter(|_| message.group_mlx == 0).and_then(thrust_and)
 }
 
 /// The force of a thrust set-point, inertial axes: it pushes the body upwards, along its −z.
-pub fn force_n(thrust: f64, thrust_n: f64, attitude_wxyz: [f64; 4]) -> [f64; 3] {
+pub(crate) fn force_n(thrust: f64, thrust_n: f64, attitude_wxyz: [f64; 4]) -> [f64; 3] {
     (rotation(attitude_wxyz) * Vector3::new(0.0, 0.0, -thrust * thrust_n)).into()
 }
 
@@ -166,7 +166,7 @@ pub fn force_n(thrust: f64, thrust_n: f64, attitude_wxyz: [f64; 4]) -> [f64; 3] 
 ///
 /// The covariances are unknown, as MAVLink writes that: a bound is none. So the type of the estimator is NAIVE, "without
 /// any real covariance feedback".
-pub fn estimate_message(estimate: &Estimate, frame: MavFrame, reset_counter: u8) -> ODOMETRY_DATA {
+pub(crate) fn estimate_message(estimate: &Estimate, frame: MavFrame, reset_counter: u8) -> ODOMETRY_DATA {
     let body_m_s = rotation(estimate.attitude_wxyz).inverse() * Vector3::from(estimate.velocity_m_s);
     let [x, y, z] = estimate.position_m.map(|number| number as f32);
     let [rollspeed, pitchspeed, yawspeed] = estimate.angular_velocity_rad_s.map(|number| number as f32);

@@ -1,6 +1,6 @@
 //! The wire: a UDP socket or a serial port. It never blocks but for a wait with a limit.
 
-use super::bridge::Peer;
+use crate::frames::Peer;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::fs::OFlags;
 use rustix::termios::{
@@ -21,7 +21,7 @@ const DEFAULT_BAUD: u32 = 57_600;
 /// Where the vehicle is to be heard.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Address {
-    /// Waits there for whoever sends.
+    /// Listens there.
     Udp(String),
     /// Speaks first, to this address.
     UdpOut(String),
@@ -149,7 +149,7 @@ pub enum Link {
 ///
 /// # Errors
 /// `Host` where there is none.
-pub fn resolve(name: &str) -> Result<SocketAddr, LinkError> {
+pub(crate) fn resolve(name: &str) -> Result<SocketAddr, LinkError> {
     let host = |cause| LinkError::Host { name: name.into(), cause };
     let mut found = name.to_socket_addrs().map_err(host)?;
     found.next().ok_or_else(|| host(ErrorKind::NotFound.into()))
@@ -178,13 +178,12 @@ impl Link {
         Ok(Self::Udp(socket, to))
     }
 
-    /// Waits until something came, for so long at most.
-    pub fn wait(&self, longest: Duration) {
+    /// Waits until something comes, at most this long.
+    pub fn wait(&self, max: Duration) {
         let mut fds = [PollFd::new(self, PollFlags::IN)];
-        let longest =
-            Timespec { tv_sec: longest.as_secs().cast_signed(), tv_nsec: i64::from(longest.subsec_nanos()) };
+        let max = Timespec { tv_sec: max.as_secs().cast_signed(), tv_nsec: i64::from(max.subsec_nanos()) };
         // A signal ends the wait, which is what it is for; all else shows when it is read.
-        let _ = poll(&mut fds, Some(&longest));
+        let _ = poll(&mut fds, Some(&max));
     }
 
     /// What came next, into `bytes`: how much and from whom; `None` where nothing did.
@@ -202,7 +201,7 @@ impl Link {
             Ok(received) => Ok(Some(received)),
             Err(error) => match error.kind() {
                 ErrorKind::WouldBlock | ErrorKind::Interrupted => Ok(None),
-                // Of an earlier datagram that nobody took.
+                // Of an earlier datagram without a receiver.
                 ErrorKind::ConnectionRefused if matches!(self, Self::Udp(..)) => Ok(None),
                 _ => Err(error),
             },

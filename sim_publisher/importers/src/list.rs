@@ -1,0 +1,118 @@
+//! All formats, and reading a file of one of them.
+
+use crate::error::ImportError;
+use crate::flight::RecordedFlight;
+use crate::importer::{ImportOptions, Importer};
+use crate::{acsl::Acsl, csv::Csv, mcap::Mcap, record::Record, ulog::Ulog};
+use std::path::Path;
+
+/// Every format. Commands, fuzz targets and the documentation follow from this list.
+pub static IMPORTERS: [&dyn Importer; 5] = [&Acsl, &Csv, &Mcap, &Record, &Ulog];
+
+/// The format of this name.
+pub fn by_name(name: &str) -> Option<&'static dyn Importer> {
+    IMPORTERS.into_iter().find(|importer| importer.name() == name)
+}
+
+/// The format that a file's ending tells, if any.
+pub fn by_ending(path: &Path) -> Option<&'static dyn Importer> {
+    let ending = path.extension()?.to_str()?.to_ascii_lowercase();
+    IMPORTERS.into_iter().find(|importer| importer.ending() == ending)
+}
+
+/// Reads a recorded flight.
+///
+/// # Errors
+/// What is wrong with the file or the options.
+pub fn read_flight(
+    importer: &dyn Importer,
+    path: &Path,
+    options: &ImportOptions,
+) -> Result<RecordedFlight, ImportError> {
+    check(importer, options)?;
+    parse_flight(importer, &read_file(path)?, &path.display().to_string(), options)
+}
+
+/// A recorded flight from the bytes of its file; `file` is its name in messages.
+///
+/// # Errors
+/// As [`read_flight`], without `Io`.
+pub fn parse_flight(
+    importer: &dyn Importer,
+    bytes: &[u8],
+    file: &str,
+    options: &ImportOptions,
+) -> Result<RecordedFlight, ImportError> {
+    check(importer, options)?;
+    importer.import(bytes, file, options)
+}
+
+pub(crate) fn read_file(path: &Path) -> Result<Vec<u8>, ImportError> {
+    std::fs::read(path).map_err(|source| ImportError::Io { path: path.display().to_string(), source })
+}
+
+/// # Errors
+/// An option that this format does not read, or a number out of range.
+pub(crate) fn check(importer: &dyn Importer, options: &ImportOptions) -> Result<(), ImportError> {
+    if let Some(option) = options.given().find(|option| !importer.reads().contains(option)) {
+        let readers: Vec<_> =
+            IMPORTERS.iter().filter(|i| i.reads().contains(&option)).map(|i| i.name()).collect();
+        let (words, found) = (option.words(), importer.name());
+        return Err(ImportError::Option(format!(
+            "{words}: found: --format {found}; needed: --format {}, or leave it out",
+            readers.join(" or ")
+        )));
+    }
+    let ImportOptions { thrust_n, mass_kg, torque_n_m, .. } = options;
+    let mut numbers = thrust_n.iter().chain(mass_kg).chain(torque_n_m.iter().flatten());
+    match numbers.find(|number| !(number.is_finite() && **number > 0.0)) {
+        Some(number) => Err(ImportError::Option(format!(
+            "--thrust-n, --mass-kg, --torque-n-m: found {number}; needed: above 0"
+        ))),
+        None => Ok(()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_missing_file_is_named() {
+        let error = read_flight(&Acsl, Path::new("/no/such.log"), &ImportOptions::default()).unwrap_err();
+        assert!(error.to_string().contains("cannot read '/no/such.log'"), "{error}");
+    }
+
+    #[test]
+    fn options_of_another_format_are_refused_with_the_formats_that_read_them() {
+        let options = ImportOptions { topic: Some("/a".into()), ..ImportOptions::default() };
+        let refused = parse_flight(&Acsl, b"", "f", &options).unwrap_err().to_string();
+        assert!(refused.contains("--topic: found: --format acsl; needed: --format mcap"), "{refused}");
+        let options = ImportOptions { mass_kg: Some(-1.0), ..ImportOptions::default() };
+        let refused = parse_flight(&Ulog, b"", "f", &options).unwrap_err().to_string();
+        assert!(refused.contains("found -1; needed: above 0"), "{refused}");
+    }
+
+    #[test]
+    fn every_format_has_a_fuzz_target_and_a_row_in_the_documentation() {
+        let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
+        let manual = std::fs::read_to_string(root.join("docs/logs.md")).unwrap();
+        for importer in IMPORTERS {
+            let name = importer.name();
+            let row = format!("| `{name}` | `.{}` | {} |", importer.ending(), importer.about());
+            assert!(manual.contains(&row), "docs/logs.md lacks: {row}");
+            let targets = [format!("log_{name}.rs"), format!("{name}.rs")];
+            assert!(targets.iter().any(|file| root.join("fuzz/src/bin").join(file).exists()), "{name}");
+            assert!(by_name(name).is_some_and(|found| found.ending() == importer.ending()));
+        }
+    }
+
+    /// In a build without the readers: what is missing, and the command that has it.
+    #[test]
+    fn a_format_that_is_not_built_in_is_refused_with_the_command_that_has_it() {
+        for importer in IMPORTERS.into_iter().filter(|importer| !importer.is_built_in()) {
+            let refused = parse_flight(importer, b"x", "f", &ImportOptions::default()).unwrap_err();
+            assert!(refused.to_string().contains("--features logs"), "{refused}");
+        }
+    }
+}
