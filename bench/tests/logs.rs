@@ -41,6 +41,18 @@ fn a_ulog_may_end_anywhere() {
     let parse =
         |length: usize| parse_flight(importer, &bytes[..length], "cut.ulg", &ImportOptions::default());
     let whole = parse(bytes.len()).unwrap();
+    let mut shorter = 0;
+    for place in places(bytes.len()) {
+        match parse(place) {
+            Ok(flight) => {
+                assert!((1..=whole.samples.len()).contains(&flight.samples.len()), "cut at {place}");
+                shorter += 1;
+            }
+            Err(error) => assert!(error.to_string().contains("cut.ulg"), "cut at {place}: {error}"),
+        }
+    }
+    println!("{} samples, {shorter} of 20 cut ones flew, the others were refused", whole.samples.len());
+    assert!((1..20).contains(&shorter), "{shorter} of 20 flew");
 }
 
 /// Thirty seconds of the simulated rigid body as a table.

@@ -2,7 +2,7 @@
 //! WebSocket client, in an environment of their own (skipped aloud where Python is missing).
 
 use crate::programs::{MONITOR, monitor, service, simulator, vehicle};
-use importers::{CsvMap, ImportOptions, Mcap, parse_flight, read_flight};
+use importers::{CsvMap, ImportOptions, Mcap, read_flight};
 use rustix::process::Signal;
 use serde::Serialize;
 use serde_json::{Value, json};
