@@ -50,7 +50,7 @@ pub struct Counters {
     pub source_changes: u64,
     /// Commands carried out.
     pub commands: u64,
-    /// Tick records that found the ring to the attendant full.
+    /// Tick records that found the ring to the housekeeping thread full.
     pub records_dropped: u64,
     /// Ticks that found the ring to the flight record full.
     pub ticks_not_recorded: u64,
@@ -393,7 +393,7 @@ impl Engine {
         &mut self.counters
     }
 
-    /// Which samples are believed.
+    /// Which samples are accepted.
     pub fn gate(&self) -> &Gate {
         &self.gate
     }
