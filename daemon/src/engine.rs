@@ -346,7 +346,7 @@ impl Engine {
         &mut self.counters
     }
 
-    /// Which samples are believed.
+    /// Which samples are accepted.
     pub fn gate(&self) -> &Gate {
         &self.gate
     }

@@ -1,4 +1,4 @@
-//! σ(e): how much of an output error is believed to come from the unknown force, and not from noise.
+//! σ(e): the part of an output error that is taken for the unknown force, and not for noise.
 
 use crate::error::{DesignError, Parameter};
 

@@ -1,7 +1,10 @@
 //! How well centers cover their box: sup P_N, fill distance, separation. For reports: each takes many evaluations.
 
 use crate::report::box_search::{Supremum, supremum_over_box};
+use crate::space::centers::Centers;
+use crate::space::kernel::Kernel;
 use crate::space::native_space::{FeatureBuffers, NativeSpace};
+use crate::space::scaled_kernel::LengthScale;
 
 impl NativeSpace {
     /// sup P_N over the box of the centers.
@@ -54,5 +57,55 @@ impl NativeSpace {
             max_evaluations,
             values,
         )
+    }
+}
+
+/// What another length scale would do to a space.
+#[derive(Debug, Clone, PartialEq)]
+pub struct LengthScaleEffect {
+    /// Times the length scale of the design.
+    pub factor: f64,
+    /// cond(K); `None` where K is not numerically positive definite.
+    pub gram_condition: Option<f64>,
+    /// sup P_N / √κ(0) over the box of the centers.
+    pub relative_power_function: Option<f64>,
+}
+
+/// cond(K) and sup P_N / √κ(0) for multiples of the length scale: the longer, the better the cover and the worse
+/// the condition.
+pub fn length_scale_effect(
+    kernel: Kernel,
+    length_scale: &LengthScale,
+    centers: &Centers,
+    nugget: f64,
+    factors: &[f64],
+) -> Vec<LengthScaleEffect> {
+    let effect = |&factor: &f64| {
+        let space = NativeSpace::new(kernel, &length_scale.scaled(factor), centers.clone(), nugget).ok();
+        LengthScaleEffect {
+            factor,
+            gram_condition: space.as_ref().map(NativeSpace::gram_condition),
+            relative_power_function: space
+                .as_ref()
+                .map(|space| space.sup_power_function().value / space.value_at_zero().sqrt()),
+        }
+    };
+    factors.iter().map(effect).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_longer_length_scale_covers_better_and_conditions_worse() {
+        let kernel = Kernel::SobolevMatern { dimension: 3, order: 3 };
+        let centers = Centers::lattice([-1.0; 3], [1.0; 3], [3; 3]).unwrap();
+        let factors = [0.5, 1.0, 2.0];
+        let effects = length_scale_effect(kernel, &LengthScale::Isotropic(1.0), &centers, 0.0, &factors);
+        for pair in effects.windows(2) {
+            assert!(pair[0].gram_condition < pair[1].gram_condition);
+            assert!(pair[0].relative_power_function > pair[1].relative_power_function);
+        }
     }
 }

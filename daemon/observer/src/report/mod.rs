@@ -4,4 +4,6 @@ pub(crate) mod box_search;
 pub(crate) mod certificate;
 pub(crate) mod cover;
 pub(crate) mod design_report;
+pub(crate) mod findings;
 pub(crate) mod lure_pair;
+pub(crate) mod words;

@@ -246,7 +246,7 @@ fn a_silent_sensor_means_coasting_from_the_end_of_the_hold() {
     assert!((report.output_age_s - 2.0075).abs() < 1e-12);
 }
 
-/// v' = −v³/4: learned while measured, then used while nobody measures.
+/// v' = −v³/4: learned while measured, then used without measurements.
 #[test]
 fn what_was_learned_makes_coasting_better() {
     let coast_error = |frozen: bool| {

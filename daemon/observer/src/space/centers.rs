@@ -4,7 +4,7 @@ use crate::error::{DesignError, Parameter};
 use std::sync::Arc;
 
 /// A lattice of more is a slip of the pen.
-const MOST_CENTERS: usize = 100_000_000;
+const MAX_CENTERS: usize = 100_000_000;
 
 /// Ξ_N: N distinct points of ℝ^d, d the number of outputs, in the output's unit.
 ///
@@ -69,13 +69,9 @@ impl Centers {
             n => lower[axis] + (upper[axis] - lower[axis]) * i as f64 / (n - 1) as f64,
         };
         let n_centers = per_axis.iter().try_fold(1_usize, |product, &n| product.checked_mul(n));
-        let Some(n_centers) = n_centers.filter(|&n| n <= MOST_CENTERS) else {
+        let Some(n_centers) = n_centers.filter(|&n| n <= MAX_CENTERS) else {
             let found = format!("{per_axis:?} centers per axis");
-            return Err(DesignError::new(
-                Parameter::Centers,
-                found,
-                format!("at most {MOST_CENTERS} in all"),
-            ));
+            return Err(DesignError::new(Parameter::Centers, found, format!("at most {MAX_CENTERS} in all")));
         };
         let mut coordinates = Vec::with_capacity(n_centers * dimension);
         for index in 0..n_centers {

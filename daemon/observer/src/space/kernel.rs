@@ -46,8 +46,8 @@ impl Kernel {
                     let found = format!("a Sobolev–Matérn kernel on ℝ^{d} for {dimension} outputs");
                     return refuse(found, "the kernel of the outputs' dimension".into());
                 }
-                if 2 * order <= d || order > LARGEST_ORDER {
-                    let needed = format!("an order k from {} to {LARGEST_ORDER}", d / 2 + 1);
+                if 2 * order <= d || order > MAX_ORDER {
+                    let needed = format!("an order k from {} to {MAX_ORDER}", d / 2 + 1);
                     return refuse(format!("a Sobolev–Matérn kernel of order {order} on ℝ^{d}"), needed);
                 }
                 if d.is_multiple_of(2) {
@@ -79,7 +79,7 @@ impl Kernel {
 }
 
 /// Beyond, coefficients of the closed form come near the smallest doubles.
-const LARGEST_ORDER: usize = 60;
+const MAX_ORDER: usize = 60;
 
 /// κ with its constants worked out: what a step evaluates.
 #[derive(Debug, Clone, PartialEq)]

@@ -186,7 +186,7 @@ fn the_ball_of_radius_e0_is_left_again_and_again_where_p_is_not_isotropic() {
 /// measured. At ω = √(γφᵀφ/m) the loop of e and f̃ resonates: |e| = δ̄ √(1 + ω²/λ²), |ỹ| = δ̄ω/λ. Nothing of it
 /// is in E₀: it is the term that the proof drops. It is in ‖ỹ‖ ≤ sup‖δ'‖/λ, which is attained.
 ///
-/// With the paper's μ_step of ‖e‖, which nobody can compute, a single axis comes to rest in the ball: there f̃ cannot
+/// With the paper's μ_step of ‖e‖, which cannot be computed, a single axis comes to rest in the ball: there f̃ cannot
 /// grow while |e| ≥ δ̄ ≥ |δ|.
 #[test]
 fn with_noise_the_learning_law_can_stay_at_four_times_e0() {

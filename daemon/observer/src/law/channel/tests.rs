@@ -75,7 +75,7 @@ fn weights_coefficients_and_nodal_values_are_the_same_law() {
     assert!(norm > 1.0, "it learned something: {norm}");
 }
 
-/// In the loop, where each estimate depends on all that was learned before: a drag that nobody modelled.
+/// In the loop, where each estimate depends on all that was learned before: an unmodelled drag.
 #[test]
 fn the_local_solver_learns_what_the_dense_one_learns() {
     let channel = |solver| {

@@ -94,7 +94,7 @@ fn transposed_times(lower: &DMatrix<f64>, x: &DVector<f64>) -> DVector<f64> {
 /// eigenvalue of the matrix within β|s|.
 pub(crate) fn largest_eigenvalue(n: usize, multiply: impl Fn(&DVector<f64>) -> DVector<f64>) -> f64 {
     const TOLERANCE: f64 = 1e-6;
-    const MOST_STEPS: usize = 400;
+    const MAX_STEPS: usize = 400;
     // No symmetry of a lattice makes this start orthogonal to the eigenvector.
     let mut direction = DVector::from_fn(n, |i, _| 1.0 + ((i * 7919) % 1013) as f64 / 1013.0).normalize();
     let mut before = DVector::zeros(n);
@@ -115,7 +115,7 @@ pub(crate) fn largest_eigenvalue(n: usize, multiply: impl Fn(&DVector<f64>) -> D
             let eigen = projection.symmetric_eigen();
             let largest = eigen.eigenvalues.imax();
             let (value, last) = (eigen.eigenvalues[largest], eigen.eigenvectors[(steps - 1, largest)]);
-            if beta * last.abs() <= TOLERANCE * value || steps >= MOST_STEPS.min(n) {
+            if beta * last.abs() <= TOLERANCE * value || steps >= MAX_STEPS.min(n) {
                 return value;
             }
         }
