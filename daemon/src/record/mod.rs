@@ -37,8 +37,7 @@ use std::time::{Duration, Instant};
 
 /// The first four bytes, as a length, are more than any frame has.
 const MARK: &[u8; 16] = b"\xff\xff\xff\xffflight-rec2\n";
-/// Where the version is in it.
-const VERSION_AT: usize = 14;
+const MARK_OF_VERSION_1: &[u8; 16] = b"\xff\xff\xff\xffflight-rec1\n";
 /// A session with a million centers learned is some 24 MB.
 const LONGEST_FRAME_BYTES: u64 = 1 << 30;
 /// Entries of one tick beside its samples: begin, missing, estimate, commands, kept.
@@ -356,12 +355,10 @@ impl<R: Read + Seek> Reader<R> {
                     self.position += MARK.len() as u64;
                     continue;
                 }
-                if header.len() == MARK.len() && header[..VERSION_AT] == MARK[..VERSION_AT] {
-                    let [found, known] = [header[VERSION_AT], MARK[VERSION_AT]].map(char::from);
-                    return Err(io::Error::other(format!(
-                        "a flight record of version {found}; this program reads version {known}; needed: the program \
-                         that wrote it"
-                    )));
+                if header == MARK_OF_VERSION_1 {
+                    return Err(io::Error::other(
+                        "a flight record of version 1; this program reads version 2; needed: the program that wrote it",
+                    ));
                 }
             } else if let Some(frame) = self.frame(&header)? {
                 return Ok(Some(frame));
@@ -451,6 +448,12 @@ mod tests {
             Entry::Command(LoopCommand::Freeze),
             Entry::Missing(7),
         ]
+    }
+
+    #[test]
+    fn a_record_of_version_1_is_refused_by_name() {
+        let error = Reader::new(Cursor::new(MARK_OF_VERSION_1)).next_frame().unwrap_err().to_string();
+        assert!(error.contains("version 1") && error.contains("reads version 2"), "{error}");
     }
 
     #[test]
