@@ -23,6 +23,19 @@
 //! There is no clock, no file and no shared memory here, and no allocation after construction: time comes
 //! in with the samples. [`RigidBodyObserver`] is what flight code uses; [`Channel`] is the law itself.
 //!
+//! The crate depends on no other of this repository. Inside, arrows point upwards in this list:
+//!
+//! | room | what lives there |
+//! |---|---|
+//! | `error`, `space/` | kernel, centers, native space, factors of the Gram matrix |
+//! | `function/` | f̂_N: evaluation, dense and local coordinates, what a checkpoint holds of it |
+//! | `plant/` | body, position, attitude, linear plant, over one step with held inputs |
+//! | `design`, `linear_design`, `law/` | the designs; dead zone, gradient law, stability; the channel: the step |
+//! | `report/` | certificate, design report: what is proven, at set-up only |
+//! | `innovation_gate`, `timeline` | outliers; holding, coasting, committing by the samples' stamps |
+//! | `channels` | the channels by name, behind one face: save, restore, load, restart, forget |
+//! | `rigid_body`, `linear_observer` | the observers |
+//!
 //! ```
 //! use nalgebra::{Matrix3, Vector3};
 //! use observer::*;
