@@ -91,7 +91,7 @@ fn is_flat(field: &Field) -> bool {
     matches!(field.kind, Kind::Message(table) if table.name == Counters::TABLE.name)
 }
 
-/// How a field's bits are told in words, if they are.
+/// How the words of a field's bits are recorded.
 fn says(field: &Field) -> Words {
     match (field.words, field.name) {
         (None, _) => Words::None,
@@ -161,7 +161,7 @@ fn add(
     is_optional: bool,
     is_list: bool,
 ) {
-    // Presence is told by a group of one field, as protoc does it.
+    // A group of one field records presence, as protoc does it.
     let group = is_optional.then(|| message.oneof_decl.len() as i32);
     if is_optional {
         let name = Some(format!("_{name}"));
