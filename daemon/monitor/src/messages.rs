@@ -162,7 +162,7 @@ fn add(
     is_list: bool,
 ) {
     // A group of one field records presence, as protoc does it.
-    let group = is_optional.then(|| message.oneof_decl.len() as i32);
+    let group = is_optional.then_some(message.oneof_decl.len() as i32);
     if is_optional {
         let name = Some(format!("_{name}"));
         message.oneof_decl.push(OneofDescriptorProto { name, ..Default::default() });
