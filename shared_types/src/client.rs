@@ -3,7 +3,7 @@
 use crate::clock::monotonic_ns;
 use crate::payload::{Command, Estimate, Measurement, Reply, Status, Truth};
 use crate::service::{self, Node, Published, ServiceError, Services};
-use crate::{Domain, DomainError};
+use domain::{Domain, DomainError};
 use iceoryx2::port::publisher::Publisher;
 use iceoryx2::port::subscriber::Subscriber;
 use iceoryx2::port::update_connections::UpdateConnections;

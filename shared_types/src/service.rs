@@ -10,7 +10,7 @@
 //! be written again while any reader lives (upstream issue 2008), and a frozen estimate looks like a live one.
 
 use crate::payload::{Command, Estimate, Measurement, Reply, Status, Truth};
-use crate::{Domain, DomainError};
+use domain::{Domain, DomainError};
 use iceoryx2::prelude::*;
 use iceoryx2::service::port_factory::{publish_subscribe, request_response};
 use std::fmt::Debug;
