@@ -196,14 +196,14 @@ impl BareExchange {
         let services = Services::of(&node, BARE)?;
         let start = Instant::now();
         let estimates = loop {
-            match services.open_estimate() {
+            match services.open::<Estimate>() {
                 Err(ServiceError::Missing(_)) if start.elapsed() < patience => {
                     std::thread::sleep(Duration::from_millis(10));
                 }
                 found => break found?,
             }
         };
-        let samples = services.open_measurement()?;
+        let samples = services.open::<Measurement>()?;
         let _making = domain.lock_for_making()?;
         let (samples, estimates) = (publisher(&samples)?, subscriber(&estimates)?);
         Ok(Self { samples, estimates, _node: node })
@@ -258,7 +258,7 @@ pub(crate) fn echo(arguments: &[OsString]) -> anyhow::Result<()> {
     let (samples, estimates) = {
         let _making = domain.lock_for_making()?;
         let services = Services::of(&node, BARE)?;
-        (subscriber(&services.make_measurement()?)?, publisher(&services.make_estimate()?)?)
+        (subscriber(&services.make::<Measurement>()?)?, publisher(&services.make::<Estimate>()?)?)
     };
     while !stop.load(Ordering::Relaxed) {
         let Some(sample) = samples.receive().map_err(bare_error)? else { continue };

@@ -62,10 +62,10 @@ impl LoopPorts {
         let _making = domain.lock_for_making()?;
         let node = service::node(domain, "daemon-loop")?;
         let services = Services::of(&node, instance)?;
-        let measurement = services.make_measurement()?;
+        let measurement = services.make::<Measurement>()?;
         let measurement =
             measurement.subscriber_builder().create().map_err(refused("subscribe to measurement"))?;
-        let estimate = services.make_estimate()?;
+        let estimate = services.make::<Estimate>()?;
         let estimate = estimate.publisher_builder().create().map_err(refused("publish estimate"))?;
         let loan = Some(estimate.loan_uninit().map_err(refused("loan an estimate"))?);
         domain.check_segments()?;
@@ -121,11 +121,11 @@ impl HousekeepingPorts {
         let _making = domain.lock_for_making()?;
         let node = service::node(domain, "daemon")?;
         let services = Services::of(&node, instance)?;
-        let status = services.make_status()?;
+        let status = services.make::<Status>()?;
         let status = status.publisher_builder().create().map_err(refused("publish status"))?;
         let control = services.make_control()?;
         let control = control.server_builder().create().map_err(refused("serve control"))?;
-        let (measurement, truth) = (services.make_measurement()?, services.make_truth()?);
+        let (measurement, truth) = (services.make::<Measurement>()?, services.make::<shared_types::Truth>()?);
         Ok(Self { status, control, measurement, _truth: truth, _node: node })
     }
 

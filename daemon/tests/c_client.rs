@@ -7,7 +7,7 @@ use common::{Daemon, PATIENCE, TestDomain, finished, preset_between, wait_until}
 use iceoryx2::prelude::*;
 use observer_client::*;
 use rustix::process::Signal;
-use shared_types::payload::{Reply, command, outcome, real_time, status_bits, valid};
+use shared_types::payload::{Reply, command, outcome};
 use shared_types::{Estimate, Measurement, Status, clock, service};
 use std::collections::BTreeSet;
 use std::ffi::{CStr, CString, c_char};
@@ -561,37 +561,4 @@ fn the_shared_library_has_the_functions_of_the_header_and_no_other() {
     assert!(declared.len() == 11 && exported == declared, "{exported:?}\n{declared:?}");
     let about = output_of(Command::new("readelf").args(["--dynamic", "--wide"]).arg(&library)).unwrap();
     assert!(about.contains("Library soname: [libobserver_client.so.0]"), "{about}");
-}
-
-/// The C compiler's values of the header's constants, beside those of Rust.
-#[test]
-fn the_constants_of_the_header_are_those_of_rust() {
-    let expected: [(&str, u64); 14] = [
-        ("OBSERVER_LAYOUT", layout::HASH.into()),
-        ("OBSERVER_VALID_VELOCITY", valid::VELOCITY.into()),
-        ("OBSERVER_VALID_INPUT", valid::INPUT.into()),
-        ("OBSERVER_VALID_RIGID_BODY", valid::RIGID_BODY.into()),
-        ("OBSERVER_VALID_ALL", valid::ALL.into()),
-        ("OBSERVER_STATUS_BITS_COASTING", status_bits::COASTING),
-        ("OBSERVER_STATUS_BITS_STUCK", status_bits::STUCK),
-        ("OBSERVER_REAL_TIME_AWAKE_CORES", real_time::AWAKE_CORES),
-        ("OBSERVER_COMMAND_STATUS", command::STATUS.into()),
-        ("OBSERVER_OUTCOME_UNKNOWN", outcome::UNKNOWN.into()),
-        ("OBSERVER_PORTS_ALL", ports::ALL.into()),
-        ("OBSERVER_REJECTION_OVERLOAD", shared_types::payload::Rejection::Overload as u64),
-        ("-OBSERVER_INTERNAL", 8),
-        ("OBSERVER_REPLY_TEXT_BYTES", 249),
-    ];
-    let asserts =
-        expected.map(|(name, value)| format!("static_assert(({name}) == {value}, \"{name}\");\n")).concat();
-    let directory = tempfile::tempdir().unwrap();
-    for language in ["c", "cpp"] {
-        let source = directory.path().join(format!("constants.{language}"));
-        std::fs::write(
-            &source,
-            format!("#include \"observer_client.h\"\n{asserts}int main(void) {{ return 0; }}\n"),
-        )
-        .unwrap();
-        Program::compiled(&source, Linked::Shared);
-    }
 }

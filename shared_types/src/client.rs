@@ -2,8 +2,8 @@
 
 use crate::clock::monotonic_ns;
 use crate::payload::{Command, Estimate, Measurement, Reply, Status, Truth};
-use crate::service::{self, Node, ServiceError, Services};
-use crate::{Domain, DomainError};
+use crate::service::{self, Node, Published, ServiceError, Services};
+use domain::{Domain, DomainError};
 use iceoryx2::port::publisher::Publisher;
 use iceoryx2::port::subscriber::Subscriber;
 use iceoryx2::port::update_connections::UpdateConnections;
@@ -83,7 +83,7 @@ impl Client {
         };
         let client = Self { node, domain: domain.clone(), instance: instance.into(), patience };
         // The last service that the daemon makes.
-        client.open(|services| services.open_estimate())?;
+        client.open(|services| services.open::<Estimate>())?;
         Ok(client)
     }
 
@@ -111,97 +111,71 @@ impl Client {
         }
     }
 
-    fn publisher<Payload: ZeroCopySend + Debug + Copy + 'static>(
-        &self,
-        topic: service::Topic<Payload>,
-    ) -> Result<Publisher<ipc::Service, Payload, ()>, ClientError> {
+    fn publisher<T: Published>(&self) -> Result<TopicPublisher<T>, ClientError> {
+        let topic = self.open(|services| services.open::<T>())?;
         let _making = self.domain.lock_for_making()?;
-        topic.publisher_builder().create().map_err(port_error("create publisher"))
+        let publisher = topic.publisher_builder().create().map_err(port_error("create publisher"))?;
+        Ok(TopicPublisher { publisher })
     }
 
-    fn latest<Payload: ZeroCopySend + Debug + Copy + 'static>(
+    fn subscriber<T: Published>(
         &self,
-        topic: service::Topic<Payload>,
-    ) -> Result<Latest<Payload>, ClientError> {
+        buffer: usize,
+    ) -> Result<Subscriber<ipc::Service, T, ()>, ClientError> {
+        let topic = self.open(|services| services.open::<T>())?;
         let _making = self.domain.lock_for_making()?;
-        let subscriber = topic.subscriber_builder().buffer_size(1).create();
-        Ok(Latest { subscriber: subscriber.map_err(port_error("create subscriber"))?, newest: None })
+        topic.subscriber_builder().buffer_size(buffer).create().map_err(port_error("create subscriber"))
     }
 
-    fn stream<Payload: ZeroCopySend + Debug + Copy + 'static>(
-        &self,
-        what: &'static str,
-        topic: service::Topic<Payload>,
-    ) -> Result<Stream<Payload>, ClientError> {
-        let _making = self.domain.lock_for_making()?;
-        let subscriber = topic.subscriber_builder().create().map_err(port_error("create subscriber"))?;
-        Ok(Stream { subscriber, what })
+    fn stream<T: Published>(&self) -> Result<Stream<T>, ClientError> {
+        Ok(Stream { subscriber: self.subscriber(T::BUFFER)? })
+    }
+
+    fn latest<T: Published>(&self) -> Result<Latest<T>, ClientError> {
+        Ok(Latest { subscriber: self.subscriber(1)?, newest: None })
     }
 
     /// The source of the vehicle's measurements. An instance listens to one source at a time.
     ///
     /// # Errors
-    /// `Service` or `Port` where the service cannot be opened or has no free place.
+    /// `Service` or `Port` where the service cannot be opened or has no free place; likewise of every other port.
     pub fn measurement_publisher(&self) -> Result<MeasurementPublisher, ClientError> {
-        Ok(MeasurementPublisher {
-            publisher: self.publisher(self.open(|services| services.open_measurement())?)?,
-        })
+        self.publisher()
     }
 
     /// The true plant's states, from a simulator.
-    ///
-    /// # Errors
-    /// As [`Client::measurement_publisher`].
     pub fn truth_publisher(&self) -> Result<TruthPublisher, ClientError> {
-        Ok(TruthPublisher { publisher: self.publisher(self.open(|services| services.open_truth())?)? })
+        self.publisher()
     }
 
     /// Every estimate from now on, and the newest one before; the oldest are dropped where a reader is slow.
-    ///
-    /// # Errors
-    /// As [`Client::measurement_publisher`].
     pub fn estimate_subscriber(&self) -> Result<Stream<Estimate>, ClientError> {
-        self.stream("estimate", self.open(|services| services.open_estimate())?)
+        self.stream()
     }
 
     /// The service's status, a few times a second.
-    ///
-    /// # Errors
-    /// As [`Client::measurement_publisher`].
     pub fn status_subscriber(&self) -> Result<Stream<Status>, ClientError> {
-        self.stream("status", self.open(|services| services.open_status())?)
+        self.stream()
     }
 
     /// Every measurement that a source publishes, for recorders.
-    ///
-    /// # Errors
-    /// As [`Client::measurement_publisher`].
     pub fn measurement_subscriber(&self) -> Result<Stream<Measurement>, ClientError> {
-        self.stream("measurement", self.open(|services| services.open_measurement())?)
+        self.stream()
     }
 
     /// The true plant's states that a simulator publishes.
-    ///
-    /// # Errors
-    /// As [`Client::measurement_publisher`].
     pub fn truth_subscriber(&self) -> Result<Stream<Truth>, ClientError> {
-        self.stream("truth", self.open(|services| services.open_truth())?)
+        self.stream()
     }
 
     /// The newest estimate at a glance, without a queue: a look costs a fraction of a microsecond.
-    ///
-    /// # Errors
-    /// As [`Client::measurement_publisher`].
     pub fn latest_estimate(&self) -> Result<Latest<Estimate>, ClientError> {
-        self.latest(self.open(|services| services.open_estimate())?)
+        self.latest()
     }
 
     /// The newest status at a glance.
-    ///
-    /// # Errors
-    /// As [`Client::measurement_publisher`].
     pub fn latest_status(&self) -> Result<Latest<Status>, ClientError> {
-        self.latest(self.open(|services| services.open_status())?)
+        self.latest()
     }
 
     /// Sends a command (one of [`crate::payload::command`]) and waits for the answer.
@@ -228,19 +202,24 @@ impl Client {
     }
 }
 
-/// Publishes measurements. Never blocks: where the daemon is slow, the oldest sample is dropped.
+/// Publishes on one topic. Never blocks: where a reader is slow, its oldest message is dropped.
 #[derive(Debug)]
-pub struct MeasurementPublisher {
-    publisher: Publisher<ipc::Service, Measurement, ()>,
+pub struct TopicPublisher<T: Published> {
+    publisher: Publisher<ipc::Service, T, ()>,
 }
 
-impl MeasurementPublisher {
-    /// Sends one sample; its sequence and stamp are the caller's. Returns how many processes it reached.
+/// Publishes measurements.
+pub type MeasurementPublisher = TopicPublisher<Measurement>;
+/// Publishes the true plant's states.
+pub type TruthPublisher = TopicPublisher<Truth>;
+
+impl<T: Published> TopicPublisher<T> {
+    /// Sends one message; its sequence and stamp are the caller's. Returns how many processes it reached.
     ///
     /// # Errors
     /// `Port` with iceoryx2's reason.
-    pub fn publish(&self, measurement: &Measurement) -> Result<usize, ClientError> {
-        self.publisher.send_copy(*measurement).map_err(port_error("publish measurement"))
+    pub fn publish(&self, message: &T) -> Result<usize, ClientError> {
+        self.publisher.send_copy(*message).map_err(port_error("publish"))
     }
 
     /// Lets late readers connect while nothing is published.
@@ -252,30 +231,13 @@ impl MeasurementPublisher {
     }
 }
 
-/// Publishes the true plant's states.
-#[derive(Debug)]
-pub struct TruthPublisher {
-    publisher: Publisher<ipc::Service, Truth, ()>,
-}
-
-impl TruthPublisher {
-    /// Sends one state.
-    ///
-    /// # Errors
-    /// `Port` with iceoryx2's reason.
-    pub fn publish(&self, truth: &Truth) -> Result<usize, ClientError> {
-        self.publisher.send_copy(*truth).map_err(port_error("publish truth"))
-    }
-}
-
 /// A queue of messages to this reader.
 #[derive(Debug)]
-pub struct Stream<Payload: ZeroCopySend + Debug + 'static> {
+pub struct Stream<Payload: Published> {
     subscriber: Subscriber<ipc::Service, Payload, ()>,
-    what: &'static str,
 }
 
-impl<Payload: ZeroCopySend + Debug + Copy + 'static> Stream<Payload> {
+impl<Payload: Published> Stream<Payload> {
     /// The oldest message not yet taken, or `None`. No allocation, no system call.
     ///
     /// # Errors
@@ -305,7 +267,7 @@ impl<Payload: ZeroCopySend + Debug + Copy + 'static> Stream<Payload> {
                 return Ok(payload);
             }
             if monotonic_ns() > deadline_ns {
-                return Err(ClientError::TimedOut { what: self.what, waited_s: patience.as_secs_f64() });
+                return Err(ClientError::TimedOut { what: Payload::TOPIC, waited_s: patience.as_secs_f64() });
             }
             std::thread::sleep(POLL);
         }
@@ -314,12 +276,12 @@ impl<Payload: ZeroCopySend + Debug + Copy + 'static> Stream<Payload> {
 
 /// Reads the newest message of a topic without a queue.
 #[derive(Debug)]
-pub struct Latest<Payload: ZeroCopySend + Debug + 'static> {
+pub struct Latest<Payload: Published> {
     subscriber: Subscriber<ipc::Service, Payload, ()>,
     newest: Option<Payload>,
 }
 
-impl<Payload: ZeroCopySend + Debug + Copy + 'static> Latest<Payload> {
+impl<Payload: Published> Latest<Payload> {
     /// The newest message; `None` before the first. No allocation, no system call. Its age is in its
     /// stamp: when the daemon dies, the last one stays.
     ///

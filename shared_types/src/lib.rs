@@ -9,6 +9,9 @@
 //! | [`clock`] | the one clock of all time stamps |
 //! | [`terminal`] | lines of the programs, to readers that may be gone |
 //!
+//! [`domain`] is a crate below this one; it says which shared memory. This crate depends on it and on iceoryx2, and on no
+//! other crate of the workspace (its tests start a daemon).
+//!
 //! # Next to your own process
 //!
 //! ```

@@ -1,21 +1,16 @@
 //! Service names and qualities: how the daemon makes a service and how everyone else opens it.
 //!
-//! Only the daemon makes services; all others open them and wait until they can.
+//! Only the daemon makes services; all other processes open them, and wait until they can.
 //!
-//! | service | pattern | payload | from → to |
-//! |---|---|---|---|
-//! | `NAME/measurement` | publish-subscribe, overflow keeps the newest | [`Measurement`] | vehicle → daemon |
-//! | `NAME/estimate` | publish-subscribe, history 1 | [`Estimate`] | daemon → anyone |
-//! | `NAME/status` | publish-subscribe, history 1, a few Hz | [`Status`] | daemon → operators |
-//! | `NAME/truth` | publish-subscribe | [`Truth`] | simulator → bench, monitor |
-//! | `NAME/control` | request-response | [`Command`], [`Reply`] | operator → daemon |
+//! [`Published`] has the table of topics. `NAME/control` is a request-response service: [`Command`] from an operator,
+//! [`Reply`] from the daemon.
 //!
 //! A reader that only wants the newest estimate subscribes with a buffer of one: overflow then keeps just that.
 //! A blackboard would be the obvious place, but in iceoryx2 0.10.0 an entry whose writer was killed cannot
 //! be written again while any reader lives (upstream issue 2008), and a frozen estimate looks like a live one.
 
 use crate::payload::{Command, Estimate, Measurement, Reply, Status, Truth};
-use crate::{Domain, DomainError};
+use domain::{Domain, DomainError};
 use iceoryx2::prelude::*;
 use iceoryx2::service::port_factory::{publish_subscribe, request_response};
 use std::fmt::Debug;
@@ -30,6 +25,42 @@ pub const MAX_READERS: usize = 32;
 pub const MAX_SOURCES: usize = 8;
 /// Processes (nodes) that use one service.
 pub(crate) const MAX_NODES: usize = 64;
+
+/// A payload that is published, and the qualities of its service.
+pub trait Published: ZeroCopySend + Debug + Copy + 'static {
+    /// What follows the instance in the service's name: `NAME/estimate`.
+    const TOPIC: &'static str;
+    /// Publishers at once.
+    const MAX_PUBLISHERS: usize;
+    /// Messages that wait for a slow reader; then the oldest is dropped.
+    const BUFFER: usize;
+    /// Messages that a new reader is told.
+    const HISTORY: usize;
+}
+
+macro_rules! published {
+    ($($(#[$doc:meta])+ $payload:ident: $topic:literal, $publishers:expr, $buffer:expr, $history:literal;)+) => {$(
+        $(#[$doc])+
+        impl Published for $payload {
+            const TOPIC: &'static str = $topic;
+            const MAX_PUBLISHERS: usize = $publishers;
+            const BUFFER: usize = $buffer;
+            const HISTORY: usize = $history;
+        }
+    )+};
+}
+
+// Topic, publishers, buffer, history.
+published! {
+    /// Vehicle → daemon.
+    Measurement: "measurement", MAX_SOURCES, MEASUREMENT_BUFFER, 0;
+    /// Daemon → any reader.
+    Estimate: "estimate", 2, ESTIMATE_BUFFER, 1;
+    /// Daemon → operators, a few times a second.
+    Status: "status", 2, 8, 1;
+    /// Simulator → bench, monitor.
+    Truth: "truth", MAX_SOURCES, ESTIMATE_BUFFER, 0;
+}
 
 /// A node of this process in a domain.
 pub type Node = iceoryx2::node::Node<ipc::Service>;
@@ -59,7 +90,7 @@ pub enum ServiceError {
         /// What to do.
         remedy: &'static str,
     },
-    /// Nobody has made the service yet.
+    /// The service was not made yet.
     #[error("service '{0}' does not exist yet; start the service: daemon run")]
     Missing(String),
 }
@@ -150,31 +181,33 @@ impl<'a> Services<'a> {
         (text, name)
     }
 
-    fn make_topic<Payload: ZeroCopySend + Debug>(
-        &self,
-        topic: &str,
-        publishers: usize,
-        buffer: usize,
-        history: usize,
-    ) -> Result<Topic<Payload>, ServiceError> {
-        let (text, name) = self.name(topic);
+    /// Makes the service on which a payload is published. The daemon's side.
+    ///
+    /// # Errors
+    /// `Refused` where it exists with another type or other qualities.
+    pub fn make<T: Published>(&self) -> Result<Topic<T>, ServiceError> {
+        let (text, name) = self.name(T::TOPIC);
         self.node
             .service_builder(&name)
-            .publish_subscribe::<Payload>()
+            .publish_subscribe::<T>()
             .enable_safe_overflow(true)
-            .max_publishers(publishers)
+            .max_publishers(T::MAX_PUBLISHERS)
             .max_subscribers(MAX_READERS)
             .max_nodes(MAX_NODES)
-            .subscriber_max_buffer_size(buffer)
-            .history_size(history)
+            .subscriber_max_buffer_size(T::BUFFER)
+            .history_size(T::HISTORY)
             .open_or_create()
             .map_err(|error| refused("create service", &text, &error))
     }
 
-    fn open_topic<Payload: ZeroCopySend + Debug>(&self, topic: &str) -> Result<Topic<Payload>, ServiceError> {
+    /// Opens it: every other process's side.
+    ///
+    /// # Errors
+    /// `Missing` until the daemon has made it, `Refused` where type or qualities do not fit.
+    pub fn open<T: Published>(&self) -> Result<Topic<T>, ServiceError> {
         use iceoryx2::service::builder::publish_subscribe::PublishSubscribeOpenError as E;
-        let (text, name) = self.name(topic);
-        match self.node.service_builder(&name).publish_subscribe::<Payload>().open() {
+        let (text, name) = self.name(T::TOPIC);
+        match self.node.service_builder(&name).publish_subscribe::<T>().open() {
             Ok(service) => Ok(service),
             Err(E::DoesNotExist | E::IsMarkedForDestruction | E::HangsInCreation) => {
                 Err(ServiceError::Missing(text))
@@ -183,42 +216,10 @@ impl<'a> Services<'a> {
         }
     }
 
-    /// Vehicle → daemon. The daemon's side.
+    /// Makes the service for commands. The daemon's side.
     ///
     /// # Errors
-    /// `Refused` where it exists with another type or other qualities.
-    pub fn make_measurement(&self) -> Result<Topic<Measurement>, ServiceError> {
-        self.make_topic("measurement", MAX_SOURCES, MEASUREMENT_BUFFER, 0)
-    }
-
-    /// Daemon → anyone. The daemon's side.
-    ///
-    /// # Errors
-    /// As [`Services::make_measurement`].
-    pub fn make_estimate(&self) -> Result<Topic<Estimate>, ServiceError> {
-        self.make_topic("estimate", 2, ESTIMATE_BUFFER, 1)
-    }
-
-    /// Daemon → operators, a few times a second. The daemon's side.
-    ///
-    /// # Errors
-    /// As [`Services::make_measurement`].
-    pub fn make_status(&self) -> Result<Topic<Status>, ServiceError> {
-        self.make_topic("status", 2, 8, 1)
-    }
-
-    /// Simulator → bench, monitor. The daemon's side.
-    ///
-    /// # Errors
-    /// As [`Services::make_measurement`].
-    pub fn make_truth(&self) -> Result<Topic<Truth>, ServiceError> {
-        self.make_topic("truth", MAX_SOURCES, ESTIMATE_BUFFER, 0)
-    }
-
-    /// Operator → daemon. The daemon's side.
-    ///
-    /// # Errors
-    /// As [`Services::make_measurement`].
+    /// As [`Services::make`].
     pub fn make_control(&self) -> Result<Control, ServiceError> {
         let (text, name) = self.name("control");
         self.node
@@ -233,42 +234,10 @@ impl<'a> Services<'a> {
             .map_err(|error| refused("create service", &text, &error))
     }
 
-    /// Vehicle → daemon. Everyone else's side.
+    /// Opens it: every other process's side.
     ///
     /// # Errors
-    /// `Missing` until the daemon has made it, `Refused` where type or qualities do not fit.
-    pub fn open_measurement(&self) -> Result<Topic<Measurement>, ServiceError> {
-        self.open_topic("measurement")
-    }
-
-    /// Daemon → anyone. Everyone else's side.
-    ///
-    /// # Errors
-    /// As [`Services::open_measurement`].
-    pub fn open_estimate(&self) -> Result<Topic<Estimate>, ServiceError> {
-        self.open_topic("estimate")
-    }
-
-    /// Daemon → operators. Everyone else's side.
-    ///
-    /// # Errors
-    /// As [`Services::open_measurement`].
-    pub fn open_status(&self) -> Result<Topic<Status>, ServiceError> {
-        self.open_topic("status")
-    }
-
-    /// Simulator → bench, monitor. Everyone else's side.
-    ///
-    /// # Errors
-    /// As [`Services::open_measurement`].
-    pub fn open_truth(&self) -> Result<Topic<Truth>, ServiceError> {
-        self.open_topic("truth")
-    }
-
-    /// Operator → daemon. Everyone else's side.
-    ///
-    /// # Errors
-    /// As [`Services::open_measurement`].
+    /// As [`Services::open`].
     pub fn open_control(&self) -> Result<Control, ServiceError> {
         use iceoryx2::service::builder::request_response::RequestResponseOpenError as E;
         let (text, name) = self.name("control");

@@ -195,18 +195,21 @@ pub struct Table {
 }
 
 impl Table {
-    /// Whether the payload has this size, its fields lie at these offsets, and nothing lies between them.
-    pub const fn is_laid_out(&self, bytes: usize, offsets: &[usize]) -> bool {
+    /// Whether the fields follow each other without gaps to the end, and as many numbers have names as there are.
+    pub const fn is_sound(&self) -> bool {
         let mut end = 0;
         let mut i = 0;
         while i < self.fields.len() {
-            if i >= offsets.len() || self.fields[i].offset != offsets[i] || offsets[i] != end {
+            let field = &self.fields[i];
+            let n_names = field.components.names.len();
+            let are_named = matches!(field.kind, Kind::Many(_, n) if n == n_names) || n_names == 0;
+            if field.offset != end || !are_named {
                 return false;
             }
-            end += self.fields[i].bytes();
+            end += field.bytes();
             i += 1;
         }
-        self.bytes == bytes && end == bytes && offsets.len() == self.fields.len()
+        self.bytes == end
     }
 }
 

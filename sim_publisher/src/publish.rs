@@ -233,6 +233,7 @@ mod tests {
     use crate::sensors::Outage;
     use crate::{Scenario, Simulation, SimulationOptions};
     use shared_types::service::{self, Services};
+    use shared_types::{Estimate, Status};
     use std::{iter, thread};
 
     /// The services that a daemon makes, in a domain of the test's own.
@@ -246,10 +247,10 @@ mod tests {
         let services = Services::of(&node, "vehicle").unwrap();
         let making = domain.lock_for_making().unwrap();
         let made = (
-            services.make_measurement().unwrap(),
-            services.make_truth().unwrap(),
-            services.make_estimate().unwrap(),
-            services.make_status().unwrap(),
+            services.make::<Measurement>().unwrap(),
+            services.make::<Truth>().unwrap(),
+            services.make::<Estimate>().unwrap(),
+            services.make::<Status>().unwrap(),
             services.make_control().unwrap(),
         );
         drop(making);

@@ -72,7 +72,7 @@ impl<T: Recordable> Encode for Recorded<T> {
 
     fn encode(&self, buffer: &mut impl BufMut) -> Result<(), FoxgloveError> {
         let mut bytes = Vec::with_capacity(2 * size_of::<T>());
-        write_message(&self.0, 1, |field| self.0.has(field), &mut bytes);
+        write_message(&self.0, 1, &|field| self.0.has(field), &mut bytes);
         if bytes.len() > buffer.remaining_mut() {
             return Err(FoxgloveError::EncodeError("insufficient buffer".into()));
         }
@@ -91,7 +91,7 @@ fn is_flat(field: &Field) -> bool {
     matches!(field.kind, Kind::Message(table) if table.name == Counters::TABLE.name)
 }
 
-/// How a field's bits are told in words, if they are.
+/// How the words of a field's bits are recorded.
 fn says(field: &Field) -> Words {
     match (field.words, field.name) {
         (None, _) => Words::None,
@@ -161,8 +161,8 @@ fn add(
     is_optional: bool,
     is_list: bool,
 ) {
-    // Presence is told by a group of one field, as protoc does it.
-    let group = is_optional.then(|| message.oneof_decl.len() as i32);
+    // A group of one field records presence, as protoc does it.
+    let group = is_optional.then_some(message.oneof_decl.len() as i32);
     if is_optional {
         let name = Some(format!("_{name}"));
         message.oneof_decl.push(OneofDescriptorProto { name, ..Default::default() });
@@ -189,12 +189,12 @@ fn type_of(scalar: Scalar) -> Type {
 }
 
 /// Writes the fields that `has` says, from this number on; returns the number after the last one.
-fn write_message(message: &dyn Message, first: u64, has: impl Fn(&Field) -> bool, out: &mut Vec<u8>) -> u64 {
+fn write_message(message: &dyn Message, first: u64, has: &dyn Fn(&Field) -> bool, out: &mut Vec<u8>) -> u64 {
     let mut number = first;
     for (i, field) in message.table().fields.iter().enumerate() {
         let value = message.value(i);
         if let (Value::Message(counters), true) = (value, is_flat(field)) {
-            number = write_message(counters, number, |_| true, out);
+            number = write_message(counters, number, &|_| true, out);
             continue;
         }
         let is_known = !matches!(value, Value::Integer(number) if field.unknown == Some(number));
@@ -225,7 +225,7 @@ fn write_value(field: &Field, value: Value<'_>, number: u64, out: &mut Vec<u8>) 
             (1..).zip(values).for_each(|(n, value)| write_integer(n, *value, &mut held))
         }
         Value::Bytes(bytes) => held.extend(bytes),
-        Value::Message(message) => _ = write_message(message, 1, |_| true, &mut held),
+        Value::Message(message) => _ = write_message(message, 1, &|_| true, &mut held),
     }
     write_bytes(number, &held, out);
 }

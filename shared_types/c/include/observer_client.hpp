@@ -1,8 +1,8 @@
 // The vehicle's side of the state-estimation service for C++17: observer_client.h with ownership and exceptions.
 //
-// Failures throw observer::Error, with the library's text; they are what the loop cannot go on from (a handle of
-// another thread, a port that does not work). What a loop lives with is no exception: nothing to take yet, nobody
-// listening, no answer in time are values. Programs without exceptions use observer_client.h, which has none.
+// A failure that the loop cannot recover from (a handle of another thread, a broken port) throws observer::Error with the
+// library's text. What a loop must expect is returned as a value: nothing to take yet, no reader, no answer in time.
+// Programs without exceptions use observer_client.h, which has none.
 
 #ifndef OBSERVER_CLIENT_HPP
 #define OBSERVER_CLIENT_HPP

@@ -61,7 +61,7 @@ impl Domain {
                 left.dead_claims.push(lock);
             }
         }
-        // A half-made segment can hold up whoever lists the nodes.
+        // A half-made segment can block a process that lists the nodes.
         if left.half_made.is_empty() {
             let _ = Node::<ipc::Service>::list(&self.config(), |node| {
                 match node {

@@ -3,12 +3,11 @@
 //! Frames: I is inertial, J the body, both right-handed; `attitude_wxyz` rotates body vectors into I.
 //!
 //! Each file holds the tables of some payloads: [`crate::table`] says what a table is and what is made from it. To add
-//! a field or a counter, add its row here, then write the files of the other languages anew:
+//! a field or a counter, add its row, count up the version in the type names of the payloads that hold it, and write the
+//! files of the other languages anew:
 //!
 //!     UPDATE=1 cargo test -p observer_client --test generated
 
-mod control;
-mod counters;
 mod estimate;
 mod layout;
 mod measurement;
@@ -16,11 +15,9 @@ mod rejection;
 mod status;
 mod truth;
 
-pub use control::{Command, Reply, command, outcome};
-pub use counters::Counters;
 pub use estimate::{Channel, Estimate, status_bits};
 pub use layout::{CONSTANTS, PAYLOADS};
 pub use measurement::{MAX_SEQUENCE_GAP, Measurement, QUATERNION_NORM_TOLERANCE, frame, valid};
 pub use rejection::Rejection;
-pub use status::{LatencySummary, Status, real_time, restored};
+pub use status::{Command, Counters, LatencySummary, Reply, Status, command, outcome, real_time, restored};
 pub use truth::Truth;

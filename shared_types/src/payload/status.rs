@@ -1,9 +1,82 @@
-//! What the service publishes a few times a second about itself.
+//! The operator's side: what the service counts and says about itself, commands, and the replies that carry its status.
 
-use crate::payload::counters::Counters;
-use crate::table::SIZE_PER_CHANNEL;
+use crate::payload::rejection::{REASONS, Rejection};
+use crate::table::{Message, PER_CHANNEL, Payload, SIZE_PER_CHANNEL, Value};
 use iceoryx2::prelude::ZeroCopySend;
 use serde::{Deserialize, Serialize};
+
+payload! {
+    /// What the engine and its loop count since they started.
+    #[derive(Default, Eq, Serialize, Deserialize)]
+    pub struct Counters: "observer.Counters.v1" {
+        /// Ticks served, each with one estimate.
+        ticks: u64,
+        /// Deadlines that passed unserved because a tick ended too late; they were skipped.
+        deadline_misses: u64,
+        /// Samples used.
+        samples_accepted: u64,
+        /// Gaps in the source's sequence: samples that never arrived.
+        samples_lost: u64,
+        /// Samples rejected, by [`Rejection`].
+        samples_rejected: [u64; REASONS.names.len()] { components: REASONS },
+        /// Outputs that were outliers against the running scale of their errors, and were held back from adaptation or
+        /// from correction too: of translation, rotation, linear plant.
+        outputs_held_back: [u64; 3] { components: PER_CHANNEL },
+        /// Outputs that repeated the previous one to the bit, for longer than a living sensor does; likewise.
+        outputs_stuck: [u64; 3] { components: PER_CHANNEL },
+        /// Ticks on which a channel coasted.
+        ticks_coasting: u64,
+        /// Ticks on which the dead zone's output was clamped to the stability bound.
+        ticks_clamped: u64,
+        /// Ticks on which samples were not used because the loop was late.
+        ticks_predict_only: u64,
+        /// Ticks whose estimate was marked invalid.
+        ticks_invalid: u64,
+        /// Times the state was reset to the last checkpoint.
+        state_resets: u64,
+        /// Times the source restarted or another one took over.
+        source_changes: u64,
+        /// Commands carried out.
+        commands: u64,
+        /// Tick records that the housekeeping thread was too slow to take.
+        records_dropped: u64,
+        /// Ticks that the recorder was too slow to take.
+        ticks_not_recorded: u64,
+    }
+}
+
+impl Counters {
+    /// Each counter in words with its value, those of several numbers with the parts that are not 0: for people.
+    ///
+    /// `samples rejected`, `3 (1 not finite, 2 older stamp)`
+    pub fn lines(&self) -> impl Iterator<Item = (String, String)> {
+        let in_words = |name: &str| name.replace('_', " ");
+        Self::TABLE.fields.iter().enumerate().map(move |(i, field)| {
+            let text = match self.value(i) {
+                Value::Integer(count) => count.to_string(),
+                Value::Integers(counts) => {
+                    let parts = counts.iter().zip(field.components.names).filter(|(count, _)| **count > 0);
+                    let parts: Vec<_> =
+                        parts.map(|(count, name)| format!("{count} {}", in_words(name))).collect();
+                    let total: u64 = counts.iter().sum();
+                    if total == 0 { "0".into() } else { format!("{total} ({})", parts.join(", ")) }
+                }
+                _ => String::new(),
+            };
+            (in_words(field.name), text)
+        })
+    }
+
+    /// Samples rejected for any reason.
+    pub fn samples_rejected_total(&self) -> u64 {
+        self.samples_rejected.iter().sum()
+    }
+
+    /// Samples rejected for one reason.
+    pub fn rejected(&self, reason: Rejection) -> u64 {
+        self.samples_rejected[reason as usize]
+    }
+}
 
 constants! {
     /// Bits of [`Status::real_time_requested`] and [`Status::real_time_granted`].
@@ -106,5 +179,110 @@ payload! {
         input_age_ns: LatencySummary,
         /// Source stamp of the newest sample to publication, on ticks with a new sample (ns).
         source_to_publish_ns: LatencySummary,
+    }
+}
+
+constants! {
+    /// Values of [`Command::kind`].
+    pub mod command: u32 {
+        /// Forget state and weights; start again from the next sample.
+        RESET = 1;
+        /// Stop learning; keep using what was learned.
+        FREEZE = 2;
+        /// Learn again.
+        THAW = 3;
+        /// Write the learned weights to disk.
+        SAVE = 4;
+        /// Only answer with the status.
+        STATUS = 5;
+    }
+}
+
+constants! {
+    /// Values of [`Reply::outcome`].
+    pub mod outcome: u32 {
+        /// Done: the loop has carried the command out.
+        DONE = 0;
+        /// Refused: `message` says why.
+        REFUSED = 1;
+        /// The command's kind is unknown to this service.
+        UNKNOWN = 2;
+    }
+}
+
+payload! {
+    /// An operator's request.
+    #[derive(Default, Eq)]
+    pub struct Command: "observer.Command.v1" {
+        /// One of [`command`].
+        kind: u32,
+        /// Zero.
+        reserved: u32,
+    }
+}
+
+payload! {
+    /// The service's answer, with its status after the command.
+    pub struct Reply: "observer.Reply.v4" {
+        /// One of [`outcome`].
+        outcome: u32,
+        /// Bytes of `message` in use.
+        message_bytes: u32,
+        /// UTF-8 text.
+        message: [u8; 248],
+        /// Status after the command.
+        status: Status,
+    }
+}
+
+impl Default for Reply {
+    fn default() -> Self {
+        Self::new(outcome::DONE, "", Status::default())
+    }
+}
+
+impl Reply {
+    /// A reply whose text is cut at a character's boundary if it does not fit.
+    pub fn new(outcome: u32, text: &str, status: Status) -> Self {
+        let mut message = [0; 248];
+        let end = text.floor_char_boundary(message.len());
+        message[..end].copy_from_slice(&text.as_bytes()[..end]);
+        Self { outcome, message_bytes: end as u32, message, status }
+    }
+
+    /// The text, or nothing where the bytes are no text.
+    pub fn text(&self) -> &str {
+        let end = (self.message_bytes as usize).min(self.message.len());
+        str::from_utf8(&self.message[..end]).unwrap_or("")
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn each_counter_is_told_in_words() {
+        let mut counters = Counters { ticks: 7, outputs_stuck: [0, 2, 0], ..Counters::default() };
+        counters.samples_rejected[Rejection::NotFinite as usize] = 1;
+        counters.samples_rejected[Rejection::OlderStamp as usize] = 2;
+        let lines: Vec<_> = counters.lines().map(|(name, text)| format!("{name} {text}")).collect();
+        assert_eq!(lines.len(), Counters::TABLE.fields.len());
+        for needed in [
+            "ticks 7",
+            "samples lost 0",
+            "samples rejected 3 (1 not finite, 2 older stamp)",
+            "outputs stuck 2 (2 rotation)",
+        ] {
+            assert!(lines.iter().any(|line| line == needed), "{needed}: {lines:?}");
+        }
+    }
+
+    #[test]
+    fn a_reply_cuts_its_text_at_a_character() {
+        let long = "ä".repeat(200);
+        let reply = Reply::new(outcome::REFUSED, &long, Status::default());
+        assert_eq!(reply.text(), "ä".repeat(124));
+        assert_eq!(Reply { message_bytes: u32::MAX, ..reply }.text(), "ä".repeat(124));
     }
 }

@@ -193,10 +193,10 @@ pub fn help() -> String {
         text.push_str(&format!("  {example}\n      {does}\n"));
     }
     let fields: Vec<_> = Field::named().map(|(name, _)| name).collect();
-    text.push_str(&format!("FIELD: {} [default:\n", fields.join(", ")));
+    text.push_str(&format!("FIELD: {}\n", fields.join(", ")));
     text.push_str(
-        "all; of spike, bias and drift: velocity]. size and per_s are norms in the field's\n\
-         unit, m/s, rad/s, m or rad (per second); numbers in [] are defaults.",
+        "[default: all; of spike, bias and drift: velocity]. size and per_s are norms in\n\
+         the field's unit, m/s, rad/s, m or rad (per second); numbers in [] are defaults.",
     );
     text
 }

@@ -6,6 +6,7 @@
 mod c;
 mod python;
 
+use shared_types::payload::PAYLOADS;
 use std::path::Path;
 
 #[test]
@@ -16,6 +17,22 @@ fn the_c_header_is_what_the_tables_say() {
 #[test]
 fn the_python_messages_are_what_the_tables_say() {
     compare("../python/observer_client/payload.py", &python::module());
+}
+
+/// The layout is the contract with other processes: a type name never gets another one.
+#[test]
+fn another_layout_has_another_version() {
+    let known = include_str!("layouts.txt");
+    let layouts = PAYLOADS.map(|table| {
+        let fields = table.fields.iter().map(|field| format!(" {}@{}", field.name, field.offset));
+        let layout = format!("{} {}:{}", table.type_name, table.bytes, fields.collect::<String>());
+        let begin = format!("{} ", table.type_name);
+        if let Some(before) = known.lines().find(|line| line.starts_with(&begin)) {
+            assert_eq!(layout, before, "count up the version in this payload's type name");
+        }
+        layout + "\n"
+    });
+    compare("tests/generated/layouts.txt", &layouts.concat());
 }
 
 fn compare(file: &str, made: &str) {
