@@ -1,9 +1,7 @@
 //! The client for C and C++ (`shared_types/c`) against the real service: its functions called from here, and
 //! programs in C and C++ compiled with every warning an error.
 
-mod common;
-
-use common::{Daemon, PATIENCE, TestDomain, finished, preset_between, wait_until};
+use crate::common::{Daemon, PATIENCE, TestDomain, finished, preset_between, wait_until};
 use iceoryx2::prelude::*;
 use observer_client::*;
 use rustix::process::Signal;

@@ -1,7 +1,7 @@
 //! The Python client (`shared_types/python`): its messages are written from the Rust types, and it is run against real
 //! services by its own tests.
 //!
-//!     UPDATE_PYTHON=1 cargo test -p daemon --test python
+//!     UPDATE_PYTHON=1 cargo test -p daemon --test daemon python
 
 #[path = "common/python.rs"]
 mod venv;
@@ -285,7 +285,7 @@ fn wrapped(text: &str, indent: &str) -> String {
 fn payload_module() -> String {
     let mut text = String::from(
         "\"\"\"The messages, as they lie in shared memory: fixed size, no padding, all SI.\n\n\
-         Written from the Rust types by `UPDATE_PYTHON=1 cargo test -p daemon --test python`: not to be edited.\n\n\
+         Written from the Rust types by `UPDATE_PYTHON=1 cargo test -p daemon --test daemon python`: not to be edited.\n\n\
          Frames: I is inertial, J the body, both right-handed; `attitude_wxyz` rotates body vectors into I.\n\"\"\"\n\n\
          import ctypes\n\n\
          from .structure import EstimateStructure, ReplyStructure, StatusStructure, Structure, array\n",
@@ -350,7 +350,7 @@ fn the_python_messages_are_the_rust_messages() {
     let differs = found.lines().zip(needed.lines()).position(|(found, needed)| found != needed);
     assert!(
         found == needed,
-        "{} differs from the Rust types (line {:?}); write it anew: UPDATE_PYTHON=1 cargo test -p daemon --test python",
+        "{} differs from the Rust types (line {:?}); write it anew: UPDATE_PYTHON=1 cargo test -p daemon --test daemon python",
         path.display(),
         differs.map(|line| line + 1)
     );

@@ -1,9 +1,7 @@
 //! What was learned outlives the service: written down whole, taken over to the bit, refused where it means something
 //! else.
 
-mod common;
-
-use common::{Daemon, PATIENCE, TestDomain, daemon_command, finished, preset_between, wait_until};
+use crate::common::{Daemon, PATIENCE, TestDomain, daemon_command, finished, preset_between, wait_until};
 use daemon::ServiceFiles;
 use daemon::assemble;
 use daemon::config::ConfigFile;
