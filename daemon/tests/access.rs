@@ -156,7 +156,7 @@ fn another_user_finds_every_door_closed() {
     let _sensors = client.measurement_publisher().unwrap();
     let (_directory, program) = for_everyone(&std::env::current_exe().unwrap());
     let mut intruder = as_other_user(&program);
-    intruder.args(["--exact", "try_every_door", "--ignored", "--nocapture"]);
+    intruder.args(["--exact", "access::try_every_door", "--ignored", "--nocapture"]);
     let output = intruder.env(ROOT_OF_VICTIM, domain.root()).output().unwrap();
     let (code, out, log) = finished(output);
     assert!(code == Some(0) && out.contains("every door is closed"), "{out}{log}");

@@ -126,6 +126,30 @@ fn of_two_sources_the_first_wins_until_it_is_silent() {
     assert_eq!(counters.samples_lost, 0);
 }
 
+/// Two spikes are held back, and a sensor that repeats one value is named; the estimate follows neither.
+#[test]
+fn spikes_are_held_back_and_a_stuck_sensor_is_named() {
+    let mut service = Loop::new("rigid-body", |_| ());
+    let mut bits = 0;
+    for sequence in 0..400 {
+        let mut sample = service.moving(sequence);
+        if sequence == 150 || sequence == 151 {
+            sample.velocity_m_s[0] += 8.0;
+        }
+        if sequence >= 250 {
+            sample.angular_velocity_rad_s = [0.1, 0.2, 0.3];
+        }
+        let estimate = service.tick(&[(1, sample)]);
+        bits |= estimate.status & (status_bits::HELD_BACK | status_bits::STUCK);
+        assert!(estimate.velocity_m_s[0].abs() < 2.0, "{:?}", estimate.velocity_m_s);
+    }
+    let counters = service.engine.counters();
+    assert_eq!((counters.samples_accepted, counters.outputs_held_back[0]), (400, 2));
+    // The first of the 150 is new, and the next 49 may be chance.
+    assert_eq!(counters.outputs_stuck, [0, 100, 0]);
+    assert_eq!(bits, status_bits::HELD_BACK | status_bits::STUCK);
+}
+
 /// A mass on a spring under a force that nobody modelled: y and u go in, x̂ and f̂ come out.
 #[test]
 fn a_linear_plant_of_the_users_own_is_estimated() {

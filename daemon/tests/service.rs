@@ -7,7 +7,6 @@ use shared_types::client::Latest;
 use shared_types::clock::monotonic_ns;
 use shared_types::payload::{command, outcome, status_bits};
 use shared_types::{Client, ClientError, Estimate, Measurement, service};
-use std::os::unix::fs::PermissionsExt;
 use std::time::Duration;
 
 fn moving(sequence: u64) -> Measurement {
@@ -172,44 +171,6 @@ fn commands_are_carried_out_and_answered() {
     assert!(code == Some(0) && out.contains(".snapshot"), "{out}{log}");
 }
 
-/// Every one of four sensors fails in its own way, and is named and counted.
-#[test]
-fn spikes_are_held_back_and_a_stuck_sensor_is_named() {
-    let domain = TestDomain::new();
-    let daemon = Daemon::start(&domain, &[]);
-    let client = domain.client();
-    let sensors = client.measurement_publisher().unwrap();
-    let mut estimates = client.estimate_subscriber().unwrap();
-    let mut bits = 0;
-    for sequence in 0..400 {
-        let mut sample = moving(sequence);
-        if sequence == 150 || sequence == 151 {
-            sample.velocity_m_s[0] += 8.0;
-        }
-        if sequence >= 250 {
-            sample.angular_velocity_rad_s = [0.1, 0.2, 0.3];
-        }
-        sensors.publish(&sample).unwrap();
-        period();
-        while let Some(estimate) = estimates.take().unwrap() {
-            bits |= estimate.status;
-            assert!(estimate.velocity_m_s[0].abs() < 2.0, "{:?}", estimate.velocity_m_s);
-        }
-    }
-    wait_until("all to be counted", || domain.status().samples_accepted == 400);
-    let status = domain.status();
-    assert_eq!(status.outputs_held_back[0], 2, "{status:?}");
-    // The first of the 150 is new, and the next 49 may be chance.
-    assert_eq!(status.outputs_stuck, [0, 100, 0]);
-    assert_eq!(
-        bits & (status_bits::HELD_BACK | status_bits::STUCK),
-        status_bits::HELD_BACK | status_bits::STUCK
-    );
-    drop((sensors, estimates, client));
-    let (_, log) = daemon.stop();
-    assert!(log.contains("sensor of the angular velocity is stuck") && log.contains("stand out"), "{log}");
-}
-
 /// Stepping at once on every sample, in the samples' own time, ten times faster than the wall's.
 #[test]
 fn every_sample_has_its_estimate_where_samples_are_trigger_and_clock() {
@@ -300,29 +261,6 @@ fn a_service_of_another_type_or_quality_is_refused_with_the_reason() {
     }
 }
 
-#[test]
-fn half_made_files_of_a_killed_process_are_cleaned_at_the_start() {
-    let domain = TestDomain::new();
-    drop(domain.domain.lock_for_making().unwrap());
-    let prefix = domain.domain.prefix();
-    let services = domain.root().join("services");
-    std::fs::create_dir(&services).unwrap();
-    // A service whose creator died before it made the file read-only, and a segment never initialised.
-    let half_made = [
-        (services.join(format!("{prefix}0123456789abcdef.service")), 0o600),
-        (format!("/dev/shm/{prefix}0123456789abcdef.dynamic").into(), 0o200),
-    ];
-    for (path, mode) in &half_made {
-        std::fs::write(path, "").unwrap();
-        std::fs::set_permissions(path, std::fs::Permissions::from_mode(*mode)).unwrap();
-    }
-    let daemon = Daemon::start(&domain, &[]);
-    domain.client();
-    assert!(half_made.iter().all(|(path, _)| !path.exists()));
-    assert_eq!(daemon.stop().0, Some(0));
-    domain.assert_clean();
-}
-
 /// The client waits for a service that is started after it, and Ctrl-C ends the service as cleanly as SIGTERM.
 #[test]
 fn start_order_does_not_matter_and_ctrl_c_ends_it_cleanly() {
@@ -353,25 +291,4 @@ fn the_process_of_a_second_source_is_named() {
         sequence += 1;
         domain.status().other_source_pid == u64::from(std::process::id())
     });
-}
-
-#[test]
-fn a_stopped_daemon_skips_its_missed_ticks() {
-    let domain = TestDomain::new();
-    let daemon = Daemon::start(&domain, &[]);
-    let client = domain.client();
-    let mut estimates = client.estimate_subscriber().unwrap();
-    estimates.wait_next(PATIENCE).unwrap();
-    daemon.signal(Signal::STOP);
-    std::thread::sleep(Duration::from_millis(400));
-    daemon.signal(Signal::CONT);
-    std::thread::sleep(Duration::from_millis(300));
-    assert!(domain.status().deadline_misses > 60);
-    let mut stamps_ns = Vec::new();
-    while let Some(estimate) = estimates.take().unwrap() {
-        stamps_ns.push(estimate.stamp_ns);
-    }
-    // No burst: the first tick after the stop may be close to the next of the grid, no other.
-    let close = stamps_ns.windows(2).filter(|pair| pair[1] - pair[0] < 1_000_000).count();
-    assert!(close <= 3, "{close} estimates within a millisecond of the one before");
 }
