@@ -127,7 +127,7 @@ fn a_million_centers_are_reported_with_their_solver_and_memory() {
     assert_eq!(translation["solver_block"], serde_json::json!([6, 6, 6]));
     let predicted = translation["solver_predicted_error"].as_f64().unwrap();
     assert!(predicted > 1e-4 && predicted < 5e-3, "{predicted}");
-    // β and its good copy: 10⁴ rows of 104 numbers, three outputs.
+    // β and its checkpoint: 10⁴ rows of 104 numbers, three outputs.
     let nodal_values = 2 * 8 * 3 * 10_000 * 104;
     let memory_bytes = translation["memory_bytes"].as_u64().unwrap();
     assert!((nodal_values..nodal_values + 100_000).contains(&memory_bytes), "{memory_bytes}");

@@ -150,7 +150,7 @@ fn spikes_are_held_back_and_a_stuck_sensor_is_named() {
     assert_eq!(bits, status_bits::HELD_BACK | status_bits::STUCK);
 }
 
-/// A mass on a spring under a force that nobody modelled: y and u go in, x̂ and f̂ come out.
+/// A mass on a spring under a force that is not modelled: y and u go in, x̂ and f̂ come out.
 #[test]
 fn a_linear_plant_of_the_users_own_is_estimated() {
     // At rest and without noise the output repeats itself.

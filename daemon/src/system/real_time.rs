@@ -27,7 +27,7 @@ pub(super) const MEMORY_REMEDY: &str =
     "needed: root, CAP_IPC_LOCK, or ulimit -l unlimited (LimitMEMLOCK=infinity of systemd)";
 pub(super) const AWAKE_REMEDY: &str = "needed: read and write permission on that file, by default root's";
 
-/// A wish that the system did not grant.
+/// A request that the system did not grant.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("{asked}: {found}; {remedy}")]
 pub struct Refused {

@@ -1,5 +1,5 @@
-//! The settings of `[real_time]`, applied to the loop's thread and read back: what the system says it grants
-//! is believed only if it is then so.
+//! The settings of `[real_time]`, applied to the loop's thread. Each is read back: only what is then in effect counts as
+//! granted.
 
 use super::real_time::{
     self, AwakeCores, Refused, allowed_cores, keep_cores_awake, lock_memory, locked_and_occupied_kb, refused,
@@ -230,7 +230,7 @@ pub fn throttling() -> Option<String> {
 mod tests {
     use super::*;
 
-    /// Locked memory is the whole process's: whoever counts page faults does so before or after.
+    /// Locked memory is the whole process's: a test that counts page faults must not run beside it.
     static MEMORY: std::sync::Mutex<()> = std::sync::Mutex::new(());
 
     fn page_faults_of_this_thread() -> u64 {

@@ -1,6 +1,6 @@
 """The messages, as they lie in shared memory: fixed size, no padding, all SI.
 
-Written from the Rust types by `UPDATE_PYTHON=1 cargo test -p daemon --test python`: not to be edited.
+Written from the Rust types by `UPDATE_PYTHON=1 cargo test -p daemon --test daemon python`: not to be edited.
 
 Frames: I is inertial, J the body, both right-handed; `attitude_wxyz` rotates body vectors into I.
 """
