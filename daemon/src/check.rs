@@ -57,7 +57,7 @@ impl ChannelCheck {
 /// Everything that `daemon check` tells of a configuration.
 ///
 /// # Errors
-/// What [`ConfigFile::estimator`] refuses, but for an unstable design: that is a finding.
+/// What [`assemble::estimator`] refuses, but for an unstable design: that is a finding.
 pub fn checks(file: &ConfigFile) -> Result<Vec<ChannelCheck>, ConfigError> {
     let mut checks = Vec::new();
     assemble::check(file)?;

@@ -27,7 +27,7 @@
 //! | [`service`] | starting and stopping all of it |
 //! | [`cli`] | the command line |
 //!
-//! What it does for a multicopter in wind with a load that nobody told it of, beside the same observer without learning
+//! What it does for a multicopter in wind with a load that it is not told of, beside the same observer without learning
 //! (`bench demo`):
 #![cfg_attr(doc, doc = concat!("<div style=\"overflow-x:auto\">\n", include_str!("../../docs/demo.svg"), "</div>\n"))]
 

@@ -1,12 +1,10 @@
 //! Who may touch a running service: its owner alone. What another user can try, and what a source of the same
 //! user can do at worst.
 
-mod common;
-
-use common::{Daemon, PATIENCE, TestDomain, daemon_command, finished, preset_between, wait_until};
+use crate::common::{Daemon, PATIENCE, TestDomain, daemon_command, finished, wait_until};
 use iceoryx2::prelude::*;
 use shared_types::clock::monotonic_ns;
-use shared_types::payload::{Rejection, command};
+use shared_types::payload::command;
 use shared_types::{Domain, Measurement, service};
 use std::fs::{self, Permissions};
 use std::os::unix::fs::{MetadataExt, PermissionsExt, chown, lchown, symlink};
@@ -158,7 +156,7 @@ fn another_user_finds_every_door_closed() {
     let _sensors = client.measurement_publisher().unwrap();
     let (_directory, program) = for_everyone(&std::env::current_exe().unwrap());
     let mut intruder = as_other_user(&program);
-    intruder.args(["--exact", "try_every_door", "--ignored", "--nocapture"]);
+    intruder.args(["--exact", "access::try_every_door", "--ignored", "--nocapture"]);
     let output = intruder.env(ROOT_OF_VICTIM, domain.root()).output().unwrap();
     let (code, out, log) = finished(output);
     assert!(code == Some(0) && out.contains("every door is closed"), "{out}{log}");
@@ -322,35 +320,6 @@ fn a_flood_drops_the_oldest_counts_them_and_does_not_hold_the_loop() {
     assert!(status.counters.samples_accepted <= most, "{} of {published}", status.counters.samples_accepted);
 }
 
-#[test]
-fn forged_stamps_and_sequences_are_refused_and_the_next_good_sample_is_taken() {
-    let domain = TestDomain::new();
-    let _daemon = Daemon::start(&domain, &[]);
-    let client = domain.client();
-    let sensors = client.measurement_publisher().unwrap();
-    let good = |sequence| Measurement::at(monotonic_ns(), sequence).with_velocity_m_s([1.0, 0.0, 0.0]);
-    let hour_ns = 3_600_000_000_000;
-    let forged = [
-        (Measurement { stamp_ns: monotonic_ns() + hour_ns, ..good(1) }, Rejection::FarFuture),
-        (Measurement { stamp_ns: u64::MAX, ..good(1) }, Rejection::FarFuture),
-        (Measurement { stamp_ns: 0, ..good(1) }, Rejection::TooOld),
-        (Measurement { sequence: u64::MAX, ..good(0) }, Rejection::SequenceBackwards),
-    ];
-    sensors.publish(&good(0)).unwrap();
-    wait_until("the first sample", || domain.status().counters.samples_accepted == 1);
-    for (index, (measurement, reason)) in forged.into_iter().enumerate() {
-        let before = domain.status().counters.samples_rejected[reason as usize];
-        let stamp_ns =
-            if reason == Rejection::SequenceBackwards { monotonic_ns() } else { measurement.stamp_ns };
-        sensors.publish(&Measurement { stamp_ns, ..measurement }).unwrap();
-        wait_until("the refusal", || {
-            domain.status().counters.samples_rejected[reason as usize] == before + 1
-        });
-        sensors.publish(&good(index as u64 + 2)).unwrap();
-        wait_until("the next good one", || domain.status().counters.samples_accepted == index as u64 + 2);
-    }
-}
-
 /// Of the size of a measurement, and another one.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, ZeroCopySend)]
@@ -380,25 +349,4 @@ fn a_source_of_another_type_or_size_cannot_connect() {
     reason(format!("{:?}", node.service_builder(&name).publish_subscribe::<Short>().open().unwrap_err()));
     reason(format!("{:?}", node.service_builder(&name).publish_subscribe::<Renamed>().open().unwrap_err()));
     reason(format!("{:?}", node.service_builder(&name).publish_subscribe::<[u8]>().open().unwrap_err()));
-}
-
-#[test]
-fn limits_of_a_configuration_bound_what_a_source_can_claim() {
-    let domain = TestDomain::new();
-    let file = preset_between("", "[input]\nmax_speed_m_s = 3.0\n");
-    let _daemon = Daemon::start(&domain, &["--config", file.path().to_str().unwrap()]);
-    let client = domain.client();
-    let sensors = client.measurement_publisher().unwrap();
-    let mut estimates = client.estimate_subscriber().unwrap();
-    for sequence in 0..100 {
-        let speed = if sequence % 2 == 0 { 2.9 } else { 3.1 };
-        sensors
-            .publish(&Measurement::at(monotonic_ns(), sequence).with_velocity_m_s([speed, 0.0, 0.0]))
-            .unwrap();
-        std::thread::sleep(Duration::from_millis(5));
-        while let Some(estimate) = estimates.take().unwrap() {
-            assert!(estimate.velocity_m_s[0] < 3.05, "{estimate:?}");
-        }
-    }
-    assert!(domain.status().counters.samples_rejected[Rejection::BeyondLimits as usize] > 40);
 }

@@ -1,9 +1,7 @@
 //! The client for C and C++ (`shared_types/c`) against the real service: its functions called from here, and
 //! programs in C and C++ compiled with every warning an error.
 
-mod common;
-
-use common::{Daemon, PATIENCE, TestDomain, finished, preset_between, wait_until};
+use crate::common::{Daemon, PATIENCE, TestDomain, finished, preset_between, wait_until};
 use iceoryx2::prelude::*;
 use observer_client::*;
 use rustix::process::Signal;
@@ -49,39 +47,22 @@ mod c {
         unsafe { observer_open(layout::HASH, null(), c"vehicle".as_ptr(), ports::ALL, 0.0, handle) }
     }
 
-    pub(super) fn publish(handle: Handle, sample: *const Measurement) -> CallResult {
-        // SAFETY: null, misaligned, or a measurement.
-        unsafe { observer_publish(handle, sample) }
+    macro_rules! calls {
+        ($($name:ident = $function:ident($($argument:ident: $kind:ty),*);)*) => {
+            $(pub(super) fn $name($($argument: $kind),*) -> CallResult {
+                // SAFETY: each pointer is null, misaligned, or to a value of its type; a text is as long as is said.
+                unsafe { $function($($argument),*) }
+            })*
+        };
     }
-
-    pub(super) fn take(handle: Handle, estimate: *mut Estimate) -> CallResult {
-        // SAFETY: null, misaligned, or an estimate.
-        unsafe { observer_take(handle, estimate) }
-    }
-
-    pub(super) fn wait(handle: Handle, patience_s: f64, estimate: *mut Estimate) -> CallResult {
-        // SAFETY: null, misaligned, or an estimate.
-        unsafe { observer_wait(handle, patience_s, estimate) }
-    }
-
-    pub(super) fn peek(handle: Handle, estimate: *mut Estimate) -> CallResult {
-        // SAFETY: null, misaligned, or an estimate.
-        unsafe { observer_peek(handle, estimate) }
-    }
-
-    pub(super) fn read_status(handle: Handle, status: *mut Status) -> CallResult {
-        // SAFETY: null, misaligned, or a status.
-        unsafe { observer_read_status(handle, status) }
-    }
-
-    pub(super) fn command(handle: Handle, command: u32, patience_s: f64, reply: *mut Reply) -> CallResult {
-        // SAFETY: null, misaligned, or a reply.
-        unsafe { observer_command(handle, command, patience_s, reply) }
-    }
-
-    pub(super) fn reply_text(reply: *const Reply, text: *mut c_char, text_bytes: usize) -> CallResult {
-        // SAFETY: null, or a reply; null, or so many bytes.
-        unsafe { observer_reply_text(reply, text, text_bytes) }
+    calls! {
+        publish = observer_publish(handle: Handle, sample: *const Measurement);
+        take = observer_take(handle: Handle, estimate: *mut Estimate);
+        wait = observer_wait(handle: Handle, patience_s: f64, estimate: *mut Estimate);
+        peek = observer_peek(handle: Handle, estimate: *mut Estimate);
+        read_status = observer_read_status(handle: Handle, status: *mut Status);
+        command = observer_command(handle: Handle, command: u32, patience_s: f64, reply: *mut Reply);
+        reply_text = observer_reply_text(reply: *const Reply, text: *mut c_char, text_bytes: usize);
     }
 
     pub(super) fn error_text() -> String {
@@ -158,7 +139,7 @@ fn what_goes_in_comes_out_and_commands_are_answered() {
     let cut: Vec<u8> = text[..5].iter().map(|&byte| byte as u8).collect();
     assert_eq!(cut, [&reply.text().as_bytes()[..4], &[0]].concat());
 
-    // Nobody listens any more: no failure, and said.
+    // Without a service, publishing is no failure: the result tells it.
     assert_eq!(daemon.stop().0, Some(0));
     let late = moving(100);
     assert_eq!(c::publish(handle, &raw const late), CallResult::Nothing);

@@ -1,8 +1,6 @@
 //! `daemon doctor`, as a person and as a script meet it: it measures, it names what would help, it breaks nothing.
 
-mod common;
-
-use common::{Daemon, TestDomain, Unprivileged, daemon_command, finished};
+use crate::common::{Daemon, TestDomain, Unprivileged, daemon_command, finished};
 use rustix::process::Signal;
 use serde_json::Value;
 use std::process::Command;
@@ -63,7 +61,7 @@ fn it_measures_lateness_and_gives_every_fact_a_verdict() {
 #[test]
 fn a_configuration_gives_the_rate_and_its_settings_are_tried_out() {
     let domain = TestDomain::new();
-    let config = common::preset_between("spin_us = 50.0", "[real_time]\ncores = [0]\npriority = 7");
+    let config = crate::common::preset_between("spin_us = 50.0", "[real_time]\ncores = [0]\npriority = 7");
     let config = config.path().to_str().unwrap();
     if daemon::system::real_time::allowed_cores().contains(&0) {
         let found = document(daemon_command(&domain, &[&QUICK[..], &["--config", config]].concat()));

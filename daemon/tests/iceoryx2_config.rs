@@ -1,8 +1,6 @@
 //! `daemon iceoryx2-config`: a program of others that reads it joins the domain.
 
-mod common;
-
-use common::{Daemon, TestDomain, daemon_command, finished};
+use crate::common::{Daemon, TestDomain, daemon_command, finished};
 use iceoryx2::config::Config;
 use iceoryx2::prelude::*;
 use shared_types::Estimate;

@@ -1,9 +1,7 @@
 //! Between wake-up and publication nothing is allocated, with real ports and samples of every kind.
 
-mod common;
-
+use crate::common::TestDomain;
 use allocation_counter::measure;
-use common::TestDomain;
 use daemon::assemble;
 use daemon::config::ConfigFile;
 use daemon::cycle::{Cycle, LoopRings};

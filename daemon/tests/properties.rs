@@ -1,9 +1,6 @@
-//! What holds for every sample, every configuration and every name, tried with random ones.
+//! What holds for every stream of samples and for every domain's name, tried with random ones.
 
-use daemon::config::{
-    Config, ConfigFile, DeadZoneName, GyroscopicTorqueName, InputConfig, KernelName, LengthScaleConfig,
-    SolverConfig, SolverName, SolverOptions, SourcePolicy, SymmetricMatrix, Trigger,
-};
+use daemon::config::{InputConfig, SourcePolicy};
 use daemon::gate::Gate;
 use proptest::prelude::*;
 use shared_types::{Domain, Measurement};
@@ -89,22 +86,6 @@ proptest! {
     }
 
     #[test]
-    fn a_printed_configuration_reads_back_as_itself(
-        config in configuration(),
-    ) {
-        let mut file = ConfigFile::preset("rigid-body").unwrap();
-        file.config = config;
-        let printed = file.commented_toml();
-        let again = ConfigFile::parse("printed".into(), printed.clone());
-        prop_assert_eq!(&again.unwrap().config, &file.config, "{}", printed);
-        let lines: Vec<_> = printed.lines().collect();
-        for (above, line) in lines.iter().zip(&lines[1..]) {
-            let is_key = line.contains(" = ") && !line.starts_with('#') && !line.starts_with(' ');
-            prop_assert!(!is_key || above.starts_with("# "), "no comment above: {}\n{}", line, printed);
-        }
-    }
-
-    #[test]
     fn no_domain_owns_the_segments_of_another(names in prop::collection::hash_set("[a-zA-Z0-9_.~/ -]{1,30}", 1..8)) {
         let domains: Vec<_> =
             names.iter().filter_map(|name| Domain::at(Path::new(&format!("/tmp/{name}"))).ok()).collect();
@@ -117,71 +98,4 @@ proptest! {
             }
         }
     }
-}
-
-/// A configuration of any legal shape; its numbers need not make a stable design.
-fn configuration() -> impl Strategy<Value = Config> {
-    let number = prop_oneof![1e-9..1e9_f64, Just(0.1), Just(1.0), Just(1e-300), Just(1e300)];
-    let matrix = prop_oneof![
-        number.clone().prop_map(SymmetricMatrix::Scalar),
-        prop::array::uniform3(number.clone()).prop_map(SymmetricMatrix::Diagonal),
-        prop::array::uniform3(prop::array::uniform3(number.clone())).prop_map(SymmetricMatrix::Full),
-    ];
-    let scale = prop_oneof![
-        number.clone().prop_map(LengthScaleConfig::Isotropic),
-        prop::collection::vec(number.clone(), 1..4).prop_map(LengthScaleConfig::PerAxis),
-    ];
-    let kernel = prop_oneof![
-        (0..99_usize).prop_map(KernelName::SobolevMatern),
-        Just(KernelName::Gaussian),
-        Just(KernelName::WendlandC2),
-        Just(KernelName::WendlandC4),
-    ];
-    let kind = prop_oneof![Just(SolverName::Auto), Just(SolverName::Dense), Just(SolverName::Local)];
-    let solver = prop_oneof![
-        kind.clone().prop_map(SolverConfig::Name),
-        (kind, prop::option::of(0..20_usize), number.clone(), number.clone()).prop_map(
-            |(kind, block, accuracy, truncation)| {
-                SolverConfig::Options(SolverOptions { kind, block, accuracy, truncation })
-            }
-        ),
-    ];
-    let point = || prop::array::uniform3(-1e3..1e3_f64);
-    let zone =
-        prop_oneof![Just(DeadZoneName::Saturated), Just(DeadZoneName::Quadratic), Just(DeadZoneName::Step)];
-    let channel =
-        (matrix, scale, kernel, solver, zone, prop::option::of(prop::collection::vec(point(), 1..4)));
-    let service =
-        (number.clone(), any::<bool>(), prop::option::of(point()), prop::option::of(number), 0..3_u8);
-    (service, channel, point()).prop_map(|(service, channel, gravity)| {
-        let (size, flag, initial, rate, tables) = service;
-        let (matrix, scale, kernel, solver, zone, listed) = channel;
-        let mut config = ConfigFile::preset("rigid-body").unwrap().config;
-        config.rate_hz = size;
-        config.trigger = if flag { Trigger::Sample } else { Trigger::Timer };
-        config.initial.position_m = initial;
-        config.input.max_state = size;
-        config.input.source = if flag { SourcePolicy::First } else { SourcePolicy::Newest };
-        if let Some(t) = &mut config.translation {
-            (t.mass_kg, t.gravity_m_s2, t.sample_rate_hz) = (size, gravity, rate);
-            (t.adaptation_rate_kg_s2, t.length_scale_m_s) = (matrix, scale.clone());
-            (t.kernel, t.solver, t.dead_zone) = (kernel, solver, zone);
-            if let Some(listed) = &listed {
-                t.centers_listed_m_s = Some(listed.clone());
-                (t.centers_lower_m_s, t.centers_upper_m_s, t.centers_per_axis) = (None, None, None);
-            }
-        }
-        if let Some(r) = &mut config.rotation {
-            (r.inertia_kg_m2, r.length_scale_rad_s, r.kernel, r.solver) = (matrix, scale, kernel, solver);
-            r.gyroscopic_torque =
-                if flag { GyroscopicTorqueName::Learned } else { GyroscopicTorqueName::Feedforward };
-            r.centers_listed_rad_s = listed;
-        }
-        match tables {
-            0 => config.rotation = None,
-            1 => config.translation = None,
-            _ => config.linear = ConfigFile::preset("linear").unwrap().config.linear,
-        }
-        config
-    })
 }

@@ -17,10 +17,9 @@ const PACKAGE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../shared_types/pyth
 
 #[test]
 fn the_readmes_python_is_that_of_a_tested_example() {
-    let readme = fs::read_to_string(Path::new(PACKAGE).join("README.md")).unwrap();
-    let blocks = readme.split("```python\n").skip(1).filter_map(|text| text.split("```").next());
-    let block = blocks.into_iter().find(|block| block.contains("def fly(")).expect("a flight loop in Python");
-    let example = fs::read_to_string(Path::new(PACKAGE).join("examples/flight_loop.py")).unwrap();
+    let read = |file: &str| fs::read_to_string(Path::new(PACKAGE).join(file)).unwrap();
+    let (readme, example) = (read("README.md"), read("examples/flight_loop.py"));
+    let block = readme.split("```python\n").nth(1).expect("a block of Python").split("```").next().unwrap();
     assert!(example.contains(block), "examples/flight_loop.py lacks the README's\n{block}");
 }
 

@@ -1,8 +1,6 @@
 //! What the loop asks of the system is asked, read back and told: of a real process, from outside.
 
-mod common;
-
-use common::{Daemon, TestDomain, Unprivileged, daemon_command, finished, preset_between, wait_until};
+use crate::common::{Daemon, TestDomain, Unprivileged, daemon_command, finished, preset_between, wait_until};
 use rustix::thread::CapabilitySet;
 use shared_types::payload::real_time as bits;
 use std::collections::BTreeMap;

@@ -1,8 +1,6 @@
 //! The same samples through the service and through the library give the same estimates, bit for bit.
 
-mod common;
-
-use common::{Daemon, TestDomain};
+use crate::common::{Daemon, TestDomain};
 use daemon::assemble;
 use daemon::config::{ConfigFile, InputConfig};
 use daemon::engine::to_payload;

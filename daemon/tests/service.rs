@@ -1,15 +1,12 @@
 //! The service as its users meet it: a real process, real shared memory, good and bad input.
 
-mod common;
-
-use common::{Daemon, PATIENCE, TestDomain, daemon_command, finished, preset_between, wait_until};
+use crate::common::{Daemon, PATIENCE, TestDomain, daemon_command, finished, preset_between, wait_until};
 use iceoryx2::prelude::*;
 use rustix::process::Signal;
 use shared_types::client::Latest;
 use shared_types::clock::monotonic_ns;
-use shared_types::payload::{Rejection, command, outcome, status_bits};
+use shared_types::payload::{command, outcome, status_bits};
 use shared_types::{Client, ClientError, Estimate, Measurement, service};
-use std::os::unix::fs::PermissionsExt;
 use std::time::Duration;
 
 fn moving(sequence: u64) -> Measurement {
@@ -94,131 +91,6 @@ fn samples_go_in_and_estimates_come_out() {
 }
 
 #[test]
-fn bad_samples_are_rejected_counted_and_do_no_harm() {
-    let domain = TestDomain::new();
-    let _daemon = Daemon::start(&domain, &[]);
-    let client = domain.client();
-    let sensors = client.measurement_publisher().unwrap();
-    let mut estimates = client.estimate_subscriber().unwrap();
-    let mut sequence = 0;
-    let mut send = |change: &dyn Fn(Measurement) -> Measurement| {
-        let sample = change(moving(sequence));
-        sensors.publish(&sample).unwrap();
-        sequence = sample.sequence.max(sequence) + 1;
-        period();
-        sample
-    };
-    // Gaps of 4 and 3 before the newest good one.
-    send(&|m| m);
-    send(&|m| Measurement { sequence: 5, ..m });
-    let newest = send(&|m| Measurement { sequence: 9, ..m });
-    let bad: [(&dyn Fn(Measurement) -> Measurement, Rejection); 11] = [
-        (&|m| m.with_velocity_m_s([f64::NAN; 3]), Rejection::NotFinite),
-        (&|m| m.with_torque_n_m([f64::INFINITY; 3]), Rejection::NotFinite),
-        (&|m| m.with_velocity_m_s([1e3, 0.0, 0.0]), Rejection::BeyondLimits),
-        (&|m| m.with_attitude_wxyz([2.0, 0.0, 0.0, 0.0]), Rejection::QuaternionNorm),
-        (&|m| Measurement { stamp_ns: newest.stamp_ns, ..m }, Rejection::RepeatedStamp),
-        (&|m| Measurement { stamp_ns: newest.stamp_ns - 1, ..m }, Rejection::OlderStamp),
-        (&|m| Measurement { stamp_ns: m.stamp_ns - 2_000_000_000, ..m }, Rejection::TooOld),
-        (&|m| Measurement { stamp_ns: m.stamp_ns + 3_600_000_000_000, ..m }, Rejection::FarFuture),
-        (&|m| Measurement { sequence: 7, ..m }, Rejection::SequenceBackwards),
-        (&|m| Measurement { valid: 0, ..m }, Rejection::Malformed),
-        (&|m| Measurement { velocity_frame: 7, ..m }, Rejection::Malformed),
-    ];
-    let mut expected = [0; 11];
-    for (change, reason) in bad {
-        send(change);
-        expected[reason as usize] += 1;
-    }
-    send(&|m| m);
-    wait_until("all to be counted", || domain.status().counters.samples_rejected == expected);
-    let status = domain.status();
-    assert_eq!(status.counters.samples_accepted, 4);
-    // 1 to 4 and 6 to 8 never arrived, nor the number that the backward one stands for; what was rejected did.
-    assert_eq!(status.counters.samples_lost, 8);
-    let mut rejected_bit = false;
-    while let Some(estimate) = estimates.take().unwrap() {
-        assert!(estimate.is_finite());
-        rejected_bit |= estimate.status & status_bits::REJECTED_SAMPLE != 0;
-    }
-    assert!(rejected_bit);
-}
-
-#[test]
-fn a_field_that_is_missing_makes_only_its_channel_coast() {
-    let domain = TestDomain::new();
-    let _daemon = Daemon::start(&domain, &[]);
-    let client = domain.client();
-    let sensors = client.measurement_publisher().unwrap();
-    let mut latest = client.latest_estimate().unwrap();
-    let mut sequence = 0;
-    let mut seen = |with_velocity: bool, bits: u64| {
-        for _ in 0..200 {
-            let mut sample = moving(sequence);
-            if !with_velocity {
-                sample.valid &= !shared_types::payload::valid::VELOCITY;
-            }
-            sensors.publish(&sample).unwrap();
-            sequence += 1;
-            period();
-            if newest(&mut latest).status & (status_bits::COASTING | status_bits::TRACKING) == bits {
-                return true;
-            }
-        }
-        false
-    };
-    assert!(seen(true, status_bits::TRACKING));
-    assert!(seen(false, status_bits::COASTING_TRANSLATION));
-    assert!(seen(true, status_bits::TRACKING));
-}
-
-#[test]
-fn of_two_sources_the_first_wins_and_the_other_is_named() {
-    let domain = TestDomain::new();
-    // Longer than a busy machine may keep this test from its processor.
-    let config = preset_between("", "[input]\ntakeover_after_s = 1.0");
-    let _daemon = Daemon::start(&domain, &["--config", config.path().to_str().unwrap()]);
-    let (first, second) = (domain.client(), domain.client());
-    let (a, b) = (first.measurement_publisher().unwrap(), second.measurement_publisher().unwrap());
-    for sequence in 0..40 {
-        a.publish(&moving(sequence)).unwrap();
-        period();
-        b.publish(&Measurement { sequence: 500 + sequence, ..moving(sequence) }).unwrap();
-    }
-    let own_pid = u64::from(std::process::id());
-    wait_until("both to be counted", || {
-        let status = domain.status();
-        status.counters.samples_accepted == 40 && status.counters.rejected(Rejection::OtherSource) == 40
-    });
-    assert_eq!(domain.status().other_source_pid, own_pid);
-    // The first falls silent: after `takeover_after_s` the other one is used.
-    std::thread::sleep(Duration::from_millis(1100));
-    for sequence in 40..50 {
-        b.publish(&Measurement { sequence: 500 + sequence, ..moving(sequence) }).unwrap();
-        period();
-    }
-    wait_until("the other source to take over", || domain.status().counters.samples_accepted == 50);
-    assert_eq!(domain.status().counters.source_changes, 2);
-}
-
-#[test]
-fn a_source_that_starts_again_is_accepted() {
-    let domain = TestDomain::new();
-    let _daemon = Daemon::start(&domain, &[]);
-    for accepted in [30, 60] {
-        let client = domain.client();
-        let sensors = client.measurement_publisher().unwrap();
-        std::thread::sleep(Duration::from_millis(250));
-        for sequence in 0..30 {
-            sensors.publish(&moving(sequence)).unwrap();
-            period();
-        }
-        wait_until("the samples to be used", || domain.status().counters.samples_accepted == accepted);
-        assert_eq!(domain.status().counters.samples_lost, 0);
-    }
-}
-
-#[test]
 fn a_killed_daemon_comes_back_and_the_stream_resumes_by_itself() {
     let domain = TestDomain::new();
     let mut daemon = Daemon::start(&domain, &[]);
@@ -299,69 +171,6 @@ fn commands_are_carried_out_and_answered() {
     assert!(code == Some(0) && out.contains(".snapshot"), "{out}{log}");
 }
 
-#[test]
-fn a_state_beyond_its_limits_is_put_back_and_counted() {
-    let domain = TestDomain::new();
-    // The learned force passes this soon: gravity is in the preset, and no thrust is commanded.
-    let config = preset_between("", "[input]\nmax_unknown_force_n = 2.0\nstuck = \"off\"");
-    let _daemon = Daemon::start(&domain, &["--config", config.path().to_str().unwrap()]);
-    let client = domain.client();
-    let sensors = client.measurement_publisher().unwrap();
-    let mut estimates = client.estimate_subscriber().unwrap();
-    for sequence in 0..300 {
-        sensors
-            .publish(&Measurement::at(monotonic_ns(), sequence).with_velocity_m_s([0.5, 0.0, 0.0]))
-            .unwrap();
-        period();
-    }
-    wait_until("resets", || domain.status().counters.state_resets > 0);
-    let mut diverged = 0;
-    while let Some(estimate) = estimates.take().unwrap() {
-        let force = estimate.matched_force_n.iter().map(|f| f * f).sum::<f64>().sqrt();
-        assert!(estimate.is_finite() && force <= 2.0, "{force}");
-        diverged += u64::from(estimate.status & status_bits::DIVERGED != 0);
-    }
-    assert!(diverged > 0);
-}
-
-/// Every one of four sensors fails in its own way, and is named and counted.
-#[test]
-fn spikes_are_held_back_and_a_stuck_sensor_is_named() {
-    let domain = TestDomain::new();
-    let daemon = Daemon::start(&domain, &[]);
-    let client = domain.client();
-    let sensors = client.measurement_publisher().unwrap();
-    let mut estimates = client.estimate_subscriber().unwrap();
-    let mut bits = 0;
-    for sequence in 0..400 {
-        let mut sample = moving(sequence);
-        if sequence == 150 || sequence == 151 {
-            sample.velocity_m_s[0] += 8.0;
-        }
-        if sequence >= 250 {
-            sample.angular_velocity_rad_s = [0.1, 0.2, 0.3];
-        }
-        sensors.publish(&sample).unwrap();
-        period();
-        while let Some(estimate) = estimates.take().unwrap() {
-            bits |= estimate.status;
-            assert!(estimate.velocity_m_s[0].abs() < 2.0, "{:?}", estimate.velocity_m_s);
-        }
-    }
-    wait_until("all to be counted", || domain.status().counters.samples_accepted == 400);
-    let status = domain.status();
-    assert_eq!(status.counters.outputs_held_back[0], 2, "{status:?}");
-    // The first of the 150 is new, and the next 49 may be chance.
-    assert_eq!(status.counters.outputs_stuck, [0, 100, 0]);
-    assert_eq!(
-        bits & (status_bits::HELD_BACK | status_bits::STUCK),
-        status_bits::HELD_BACK | status_bits::STUCK
-    );
-    drop((sensors, estimates, client));
-    let (_, log) = daemon.stop();
-    assert!(log.contains("sensor of the angular velocity is stuck") && log.contains("stand out"), "{log}");
-}
-
 /// Stepping at once on every sample, in the samples' own time, ten times faster than the wall's.
 #[test]
 fn every_sample_has_its_estimate_where_samples_are_trigger_and_clock() {
@@ -401,18 +210,6 @@ fn without_a_daemon_a_client_says_how_to_start_it() {
     assert!(error.to_string().contains("daemon run --instance vehicle"), "{error}");
     let (code, _, log) = finished(daemon_command(&domain, &["control", "status"]).output().unwrap());
     assert!(code == Some(1) && log.contains("daemon run"), "{log}");
-}
-
-#[test]
-fn start_order_does_not_matter() {
-    let domain = TestDomain::new();
-    let waiting = {
-        let domain = domain.domain.clone();
-        std::thread::spawn(move || Client::connect(&domain, "vehicle", PATIENCE).map(|_| ()))
-    };
-    std::thread::sleep(Duration::from_millis(300));
-    let _daemon = Daemon::start(&domain, &[]);
-    waiting.join().unwrap().unwrap();
 }
 
 #[test]
@@ -464,113 +261,34 @@ fn a_service_of_another_type_or_quality_is_refused_with_the_reason() {
     }
 }
 
+/// The client waits for a service that is started after it, and Ctrl-C ends the service as cleanly as SIGTERM.
 #[test]
-fn half_made_files_of_a_killed_process_are_cleaned_at_the_start() {
+fn start_order_does_not_matter_and_ctrl_c_ends_it_cleanly() {
     let domain = TestDomain::new();
-    drop(domain.domain.lock_for_making().unwrap());
-    let prefix = domain.domain.prefix();
-    let services = domain.root().join("services");
-    std::fs::create_dir(&services).unwrap();
-    // A service whose creator died before it made the file read-only, and a segment never initialised.
-    let half_made = [
-        (services.join(format!("{prefix}0123456789abcdef.service")), 0o600),
-        (format!("/dev/shm/{prefix}0123456789abcdef.dynamic").into(), 0o200),
-    ];
-    for (path, mode) in &half_made {
-        std::fs::write(path, "").unwrap();
-        std::fs::set_permissions(path, std::fs::Permissions::from_mode(*mode)).unwrap();
-    }
-    let daemon = Daemon::start(&domain, &[]);
-    domain.client();
-    assert!(half_made.iter().all(|(path, _)| !path.exists()));
-    assert_eq!(daemon.stop().0, Some(0));
-    domain.assert_clean();
-}
-
-#[test]
-fn another_users_directory_is_refused_by_name() {
-    let domain = TestDomain::new();
-    if !rustix::process::geteuid().is_root() {
-        println!("skipped: only root can give a directory to another user");
-        return;
-    }
-    std::os::unix::fs::chown(domain.root(), Some(12345), None).unwrap();
-    let (code, log) = Daemon::start(&domain, &[]).finish();
-    assert_eq!(code, Some(1), "{log}");
-    assert!(log.contains("user id 12345") && log.contains("--root"), "{log}");
-}
-
-#[test]
-fn a_stopped_daemon_skips_its_missed_ticks() {
-    let domain = TestDomain::new();
-    let daemon = Daemon::start(&domain, &[]);
-    let client = domain.client();
-    let mut estimates = client.estimate_subscriber().unwrap();
-    estimates.wait_next(PATIENCE).unwrap();
-    daemon.signal(Signal::STOP);
-    std::thread::sleep(Duration::from_millis(400));
-    daemon.signal(Signal::CONT);
+    let waiting = {
+        let domain = domain.domain.clone();
+        std::thread::spawn(move || Client::connect(&domain, "vehicle", PATIENCE).map(|_| ()))
+    };
     std::thread::sleep(Duration::from_millis(300));
-    assert!(domain.status().counters.deadline_misses > 60);
-    let mut stamps_ns = Vec::new();
-    while let Some(estimate) = estimates.take().unwrap() {
-        stamps_ns.push(estimate.stamp_ns);
-    }
-    // No burst: the first tick after the stop may be close to the next of the grid, no other.
-    let close = stamps_ns.windows(2).filter(|pair| pair[1] - pair[0] < 1_000_000).count();
-    assert!(close <= 3, "{close} estimates within a millisecond of the one before");
-}
-
-#[test]
-fn ctrl_c_ends_it_cleanly_too() {
-    let domain = TestDomain::new();
     let daemon = Daemon::start(&domain, &[]);
-    domain.client();
+    waiting.join().unwrap().unwrap();
     daemon.signal(Signal::INT);
     assert_eq!(daemon.finish().0, Some(0));
     domain.assert_clean();
 }
 
-/// A mass on a spring under a force that nobody modelled: y and u go in, x̂ and f̂ come out.
 #[test]
-fn a_linear_plant_of_the_users_own_is_estimated() {
+fn the_process_of_a_second_source_is_named() {
     let domain = TestDomain::new();
-    // At rest and without noise the output repeats itself: nothing is wrong with this sensor.
-    let config = tempfile::NamedTempFile::new().unwrap();
-    let text = daemon::config::ConfigFile::preset("linear").unwrap().commented_toml();
-    std::fs::write(config.path(), text.replace("stuck = \"adaptation\"", "stuck = \"off\"")).unwrap();
-    let daemon = Daemon::start(&domain, &["--config", config.path().to_str().unwrap()]);
-    let client = domain.client();
-    let sensors = client.measurement_publisher().unwrap();
-    let mut latest = client.latest_estimate().unwrap();
-    // x = (r, v) at rest against a constant force of 3 N that is not commanded: r = 3 / 6 m.
-    let (r, unknown_n) = (0.5, 3.0);
-    for sequence in 0..600 {
-        let sample = Measurement::at(monotonic_ns(), sequence).with_output(&[2.0 * r]).with_input(&[0.0]);
-        sensors.publish(&sample).unwrap();
+    let _daemon = Daemon::start(&domain, &[]);
+    let (first, second) = (domain.client(), domain.client());
+    let (a, b) = (first.measurement_publisher().unwrap(), second.measurement_publisher().unwrap());
+    let mut sequence = 0;
+    wait_until("the other source to be named", || {
+        a.publish(&moving(sequence)).unwrap();
         period();
-    }
-    let estimate = newest(&mut latest);
-    assert_ne!(estimate.status & status_bits::TRACKING, 0);
-    // Within what the dead zone of 0.02 leaves.
-    assert!((estimate.matched_input[0] - unknown_n).abs() < 0.6, "{:?}", estimate.matched_input);
-    assert!((estimate.state[0] - r).abs() < 0.05 && estimate.state[1].abs() < 0.1, "{:?}", estimate.state);
-    assert!(estimate.linear.native_norm > 0.1 && estimate.linear.error_bound > 0.0);
-    assert_eq!(estimate.state[2..], [0.0; 10]);
-
-    // Bad input is refused by reason, and silence means coasting.
-    sensors.publish(&Measurement::at(monotonic_ns(), 600).with_output(&[f64::NAN])).unwrap();
-    sensors.publish(&Measurement::at(monotonic_ns(), 601).with_output(&[1e12])).unwrap();
-    wait_until("both to be refused", || domain.status().counters.samples_rejected_total() == 2);
-    let status = domain.status();
-    assert_eq!(
-        (status.counters.rejected(Rejection::NotFinite), status.counters.rejected(Rejection::BeyondLimits)),
-        (1, 1)
-    );
-    wait_until("coasting", || newest(&mut latest).status & status_bits::COASTING_LINEAR != 0);
-    drop(latest);
-    drop(sensors);
-    drop(client);
-    let (code, log) = daemon.stop();
-    assert_eq!(code, Some(0), "{log}");
+        b.publish(&Measurement { sequence: 500 + sequence, ..moving(sequence) }).unwrap();
+        sequence += 1;
+        domain.status().other_source_pid == u64::from(std::process::id())
+    });
 }

@@ -1,8 +1,6 @@
 //! What systemd hears: readiness, a watchdog fed by ticks alone, the end.
 
-mod common;
-
-use common::{Daemon, PATIENCE, TestDomain, daemon_command, wait_until};
+use crate::common::{Daemon, PATIENCE, TestDomain, daemon_command, wait_until};
 use rustix::process::Signal;
 use std::os::unix::net::UnixDatagram;
 use std::time::{Duration, Instant};

@@ -1,9 +1,7 @@
 //! What was learned outlives the service: written down whole, taken over to the bit, refused where it means something
 //! else.
 
-mod common;
-
-use common::{Daemon, PATIENCE, TestDomain, daemon_command, finished, preset_between, wait_until};
+use crate::common::{Daemon, PATIENCE, TestDomain, daemon_command, finished, preset_between, wait_until};
 use daemon::ServiceFiles;
 use daemon::assemble;
 use daemon::config::ConfigFile;
@@ -282,7 +280,7 @@ fn without_a_directory_nothing_is_kept_and_that_is_said() {
     assert!(!snapshot_path(&domain).exists());
 }
 
-/// Nobody asked for the default directory: where it cannot be made the service runs all the same.
+/// Without the default directory, which was not asked for, the service runs.
 #[test]
 fn a_default_directory_that_cannot_be_made_is_no_reason_to_stay_on_the_ground() {
     let domain = TestDomain::new();
@@ -369,9 +367,9 @@ fn what_is_forgotten_is_kept_beside() {
     assert_eq!(daemon.stop().0, Some(0));
 }
 
-/// Whose standard error nobody reads any more, falls back without a word, and goes on.
+/// A service whose standard error is closed falls back without a log line, and goes on.
 #[test]
-fn a_log_that_nobody_reads_ends_nothing() {
+fn a_closed_log_ends_nothing() {
     let domain = TestDomain::new();
     let config = preset_between("", "[input]\nmax_unknown_force_n = 2.0\nstuck = \"off\"");
     let mut daemon = Daemon::start(&domain, &["--config", config.path().to_str().unwrap()]);

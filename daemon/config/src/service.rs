@@ -74,25 +74,25 @@ pub struct Config {
     pub spin_us: f64,
     /// Without a sample for this long, the estimate's status says stale.
     ///
-    /// As long as your controller may fly on a prediction. It is the status alone that changes: channels
-    /// coast much earlier.
+    /// As long as your controller may fly on a prediction. Only the status changes: channels coast much
+    /// earlier.
     #[serde(default = "stale_after_s")]
     #[schemars(extend("exclusiveMinimum" = 0.0))]
     pub stale_after_s: f64,
     /// The state before the first sample; what is missing is taken from the first measurement of it.
     #[serde(default, skip_serializing_if = "InitialConfig::is_empty")]
     pub initial: InitialConfig,
-    /// Which samples are believed, and from which source.
+    /// Which samples are accepted, and from which source.
     #[serde(default)]
     pub input: InputConfig,
-    /// What happens when ticks end after their next deadline, so many in a row; 0 is never.
+    /// What happens when several ticks in a row end after their next deadline.
     #[serde(default)]
     pub deadline: DeadlineConfig,
     /// What is written down, so that nothing learned is lost.
     #[serde(default)]
     pub snapshot: SnapshotConfig,
-    /// What the loop asks of the system, with `priority = 1 … 98` and `cores = [2]` too; what is refused is said,
-    /// and done without (daemon doctor).
+    /// What the loop asks of the system, also `priority = 1 … 98` and `cores = [2]`. What the system refuses is
+    /// logged, and the service runs without it (daemon doctor).
     #[serde(default)]
     pub real_time: RealTimeConfig,
     /// Position, velocity and unknown force from measured velocity.
@@ -146,7 +146,7 @@ impl InitialConfig {
     }
 }
 
-/// Which samples are believed, and which source.
+/// Which samples are accepted, and from which source.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct InputConfig {
@@ -169,13 +169,13 @@ pub struct InputConfig {
     /// A larger commanded torque is rejected.
     #[schemars(extend("exclusiveMinimum" = 0.0))]
     pub max_torque_n_m: f64,
-    /// A larger learned force is not believed: the translation is reset to its last good copy.
+    /// With a larger learned force the translation is reset to its last checkpoint.
     ///
-    /// A few times the largest disturbance that you expect, its weight say: it is what stops a diverging
-    /// learner.
+    /// A few times the largest disturbance that you expect, for example the vehicle's weight. This limit stops
+    /// a learner that diverges.
     #[schemars(extend("exclusiveMinimum" = 0.0))]
     pub max_unknown_force_n: f64,
-    /// A larger learned torque is not believed: the rotation is reset to its last good copy.
+    /// With a larger learned torque the rotation is reset to its last checkpoint.
     ///
     /// A few times the largest torque that you expect.
     #[schemars(extend("exclusiveMinimum" = 0.0))]
@@ -186,7 +186,7 @@ pub struct InputConfig {
     /// A commanded input of the linear plant with a larger entry is rejected; a learned one is reset.
     #[schemars(extend("exclusiveMinimum" = 0.0))]
     pub max_input: f64,
-    /// A state of the linear plant with a larger entry is reset to its last good copy.
+    /// With a larger entry of its state the linear plant is reset to its last checkpoint.
     #[schemars(extend("exclusiveMinimum" = 0.0))]
     pub max_state: f64,
     /// A stamp further ahead of the clock is rejected.
@@ -208,40 +208,38 @@ pub struct InputConfig {
     /// Some periods of the source: shorter than the outage that your vehicle stands, longer than its jitter.
     #[schemars(extend("exclusiveMinimum" = 0.0))]
     pub takeover_after_s: f64,
-    /// An output whose error stands out: "off" believes it, "adaptation" does not learn from it, "correction"
-    /// does not use it. What lasts longer than 10 holds is believed.
+    /// What happens to an outlier, an output whose error stands out: "off" uses it, "adaptation" does not learn
+    /// from it, "correction" does not use it. A change that lasts longer than 10 holds is accepted.
     ///
     /// "off" is the paper's observer. With "correction" a spike does not reach the estimate, and a real jump
     /// does a few samples later.
     pub outliers: OutlierAction,
-    /// It stands out if its error is this many times the dead zone's width plus the running scale of the
+    /// An output is an outlier if its error is this many times the dead zone's width plus the running scale of the
     /// errors.
     ///
-    /// Lower finds smaller spikes and doubts more honest outputs.
+    /// A lower factor finds smaller spikes and rejects more good outputs.
     #[schemars(extend("exclusiveMinimum" = 0.0))]
     pub outlier_factor: f64,
-    /// A sensor that repeats one value to the bit is named, and its outputs: "off" are used, "adaptation" not
-    /// learned from, "correction" not used.
+    /// What happens to the outputs of a sensor that repeats one value to the bit: "off" uses them, "adaptation"
+    /// does not learn from them, "correction" does not use them. The log names the sensor.
     ///
-    /// "off" for sensors that are quantised so coarsely, or simulated so cleanly, that they repeat themselves
-    /// in truth.
+    /// "off" for sensors that repeat themselves by nature: coarsely quantised, or simulated without noise.
     pub stuck: OutlierAction,
     /// Repetitions of one value after which a sensor is stuck; 0 is never.
     pub stuck_after_samples: u64,
 }
 
-/// What happens when ticks end after their next deadline, so many in a row; 0 is never.
+/// What happens when several ticks in a row end after their next deadline.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct DeadlineConfig {
-    /// So many late ticks in a row, and the estimate's status says late; 0 is never.
+    /// After this many late ticks in a row the estimate's status says late; 0 is never.
     pub warn_after_ticks: u64,
-    /// So many late ticks in a row, and samples are not used any more, which costs less, until a tick is in
-    /// time again; 0 is never.
+    /// After this many late ticks in a row samples are not used until a tick is in time again; 0 is never.
     ///
-    /// A service that is late because its machine is overloaded gets back in time so.
+    /// Ticks without samples are cheaper, so that a service on an overloaded machine is in time again.
     pub predict_only_after_ticks: u64,
-    /// So many late ticks in a row, and the estimate's status says invalid: not to be used; 0 is never.
+    /// After this many late ticks in a row the estimate's status says invalid, not to be used; 0 is never.
     pub invalid_after_ticks: u64,
 }
 
@@ -260,8 +258,8 @@ pub struct SnapshotConfig {
     /// What is lost at most when the machine loses power. The disk is written by a thread of its own.
     #[schemars(range(min = 0.0, max = 1e9))]
     pub save_every_s: f64,
-    /// After a restart the state in a snapshot is gone on from where it is not older than this; what was
-    /// learned always is.
+    /// After a restart the service resumes the state of a snapshot that is not older than this. What was learned
+    /// is always resumed.
     ///
     /// As long as your vehicle stays near where it was while the service is away.
     #[schemars(range(min = 0.0, max = 1e9))]

@@ -51,7 +51,7 @@ impl FileArguments {
             Some(directory) => match snapshot::make_directory(&directory) {
                 Ok(()) => Some(directory),
                 Err(error) if asked => return Err(error).with_context(|| in_context(&directory)),
-                // Nobody asked for this one: without it the service runs all the same.
+                // The default directory was not asked for: the service runs without it.
                 Err(error) => {
                     say!("warning: {}: {error}", in_context(&directory));
                     None

@@ -2,7 +2,7 @@
 //!
 //! May use the configuration and the tick's own wait; knows neither engine nor ports.
 
-pub mod doctor;
+pub(crate) mod doctor;
 pub mod machine;
 pub mod real_time;
 pub mod service_manager;

@@ -1,8 +1,8 @@
 //! What a thread asks of the system so that it is on time: a core, a fixed priority, timers without slack,
 //! memory that stays, a processor that does not doze off.
 //!
-//! Nothing here is needed for a correct estimate, only for a punctual one: each call says what was refused,
-//! why, and what would help, and the caller goes on without it.
+//! Nothing here is needed for a correct estimate, only for a punctual one. Each call reads back what is then in effect; a
+//! refusal says what was asked for, why it was refused and what would help, and the caller goes on without it.
 
 use rustix::mm::{MlockAllFlags, mlockall, munlockall};
 use rustix::process::{Resource, getrlimit};
@@ -27,7 +27,7 @@ pub(super) const MEMORY_REMEDY: &str =
     "needed: root, CAP_IPC_LOCK, or ulimit -l unlimited (LimitMEMLOCK=infinity of systemd)";
 pub(super) const AWAKE_REMEDY: &str = "needed: read and write permission on that file, by default root's";
 
-/// A wish that the system did not grant.
+/// A request that the system did not grant.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("{asked}: {found}; {remedy}")]
 pub struct Refused {
@@ -39,7 +39,7 @@ pub struct Refused {
     pub remedy: &'static str,
 }
 
-pub(super) fn refused(asked: impl Into<String>, found: impl ToString, remedy: &'static str) -> Refused {
+fn refused(asked: impl Into<String>, found: impl ToString, remedy: &'static str) -> Refused {
     Refused { asked: asked.into(), found: found.to_string(), remedy }
 }
 
@@ -52,7 +52,8 @@ pub fn allowed_cores() -> Vec<usize> {
 /// Keeps the calling thread on these cores; threads and processes that it starts inherit that.
 ///
 /// # Errors
-/// `Refused` where no such core exists or the process may not use it.
+/// `Refused` where no such core exists or the process may not use one of them: the kernel grants the allowed part of a
+/// set without an error.
 pub fn stay_on_cores(cores: &[usize]) -> Result<(), Refused> {
     let asked = || format!("run on cores {cores:?} only");
     let mut set = CpuSet::new();
@@ -66,7 +67,11 @@ pub fn stay_on_cores(cores: &[usize]) -> Result<(), Refused> {
         }
         set.set(core);
     }
-    sched_setaffinity(None, &set).map_err(|error| refused(asked(), error, CORES_REMEDY))
+    sched_setaffinity(None, &set).map_err(|error| refused(asked(), error, CORES_REMEDY))?;
+    match allowed_cores() {
+        found if cores.iter().all(|core| found.contains(core)) => Ok(()),
+        found => Err(refused(asked(), format!("cores {found:?} were given"), CORES_REMEDY)),
+    }
 }
 
 /// Gives the calling thread a fixed priority (SCHED_FIFO), 1 to 99: it runs whenever it can, before every
@@ -83,18 +88,23 @@ pub fn use_fifo(priority: u8) -> Result<(), Refused> {
         ),
         Err(_) => Err(PriorityError::PriorityNotInRange(1..=99)),
     };
+    let asked = || format!("SCHED_FIFO with priority {priority}");
     found.map_err(|error| {
         let found = match error {
             PriorityError::OS(code) => std::io::Error::from_raw_os_error(code).to_string(),
             PriorityError::PriorityNotInRange(range) => format!("{priority} is not in {range:?}"),
             other => format!("{other:?}"),
         };
-        refused(format!("SCHED_FIFO with priority {priority}"), found, FIFO_REMEDY)
-    })
+        refused(asked(), found, FIFO_REMEDY)
+    })?;
+    match scheduling() {
+        Some(("SCHED_FIFO", found)) if found == i32::from(priority) => Ok(()),
+        found => Err(refused(asked(), format!("the thread has {found:?}"), FIFO_REMEDY)),
+    }
 }
 
 /// Policy and priority of the calling thread, as the kernel says.
-pub fn scheduling() -> Option<(&'static str, i32)> {
+fn scheduling() -> Option<(&'static str, i32)> {
     let (policy, parameters) = thread_schedule_policy_param(thread_native_id()).ok()?;
     let name = match policy {
         ThreadSchedulePolicy::Realtime(RealtimeThreadSchedulePolicy::Fifo) => "SCHED_FIFO",
@@ -110,13 +120,12 @@ pub fn scheduling() -> Option<(&'static str, i32)> {
 /// # Errors
 /// `Refused` where the kernel knows no timer slack.
 pub fn use_punctual_timers() -> Result<(), Refused> {
-    set_current_timer_slack(NonZeroU64::new(1))
-        .map_err(|error| refused("timers without slack", error, TIMERS_REMEDY))
-}
-
-/// By how much the kernel may delay the calling thread's timers (ns).
-pub fn timer_slack_ns() -> Option<u64> {
-    current_timer_slack().ok()
+    const ASKED: &str = "timers without slack";
+    set_current_timer_slack(NonZeroU64::new(1)).map_err(|error| refused(ASKED, error, TIMERS_REMEDY))?;
+    match current_timer_slack() {
+        Ok(0 | 1) => Ok(()),
+        slack => Err(refused(ASKED, format!("slack of {slack:?} ns"), TIMERS_REMEDY)),
+    }
 }
 
 /// Keeps all memory of this process, present and future, from being swapped out or mapped only when it is
@@ -132,7 +141,15 @@ pub fn lock_memory() -> Result<(), Refused> {
         return Err(refused(ASKED, format!("the limit is {} kB", limit / 1024), MEMORY_REMEDY));
     }
     mlockall(MlockAllFlags::CURRENT | MlockAllFlags::FUTURE)
-        .map_err(|error| refused(ASKED, error, MEMORY_REMEDY))
+        .map_err(|error| refused(ASKED, error, MEMORY_REMEDY))?;
+    match locked_and_occupied_kb() {
+        // Locked memory contains what is only reserved, for heaps of threads that may come.
+        Some((locked, occupied)) if locked >= occupied => Ok(()),
+        found => {
+            unlock_memory();
+            Err(refused(ASKED, format!("locked and occupied (kB): {found:?}"), MEMORY_REMEDY))
+        }
+    }
 }
 
 /// Takes [`lock_memory`] back.
@@ -142,7 +159,7 @@ pub fn unlock_memory() {
 }
 
 /// Locked memory of this process, and that which it occupies (kB).
-pub fn locked_and_occupied_kb() -> Option<(u64, u64)> {
+fn locked_and_occupied_kb() -> Option<(u64, u64)> {
     let status = std::fs::read_to_string("/proc/self/status").ok()?;
     let kb = |name: &str| {
         let line = status.lines().find_map(|line| line.strip_prefix(name))?;

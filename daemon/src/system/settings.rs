@@ -1,9 +1,8 @@
-//! The settings of `[real_time]`, applied to the loop's thread and read back: what the system says it grants
-//! is believed only if it is then so.
+//! The settings of `[real_time]`, applied to the loop's thread; those that are refused are left out and told.
 
 use super::real_time::{
-    self, AwakeCores, Refused, allowed_cores, keep_cores_awake, lock_memory, locked_and_occupied_kb, refused,
-    scheduling, stay_on_cores, timer_slack_ns, unlock_memory, use_fifo, use_punctual_timers,
+    self, AwakeCores, Refused, allowed_cores, keep_cores_awake, lock_memory, stay_on_cores, unlock_memory,
+    use_fifo, use_punctual_timers,
 };
 use crate::config::RealTimeConfig;
 use shared_types::payload::real_time as bits;
@@ -74,14 +73,14 @@ impl Drop for Held {
     }
 }
 
-/// Applies the settings to the calling thread and its process, reads each back, and goes on without those
-/// that are refused. Call it when everything that the thread will use exists.
+/// Applies the settings to the calling thread and its process, and goes on without those that are refused. Call it when
+/// everything that the thread will use exists.
 pub fn apply(asked: &RealTimeConfig) -> (Outcome, Held) {
     let (mut outcome, mut held) = (Outcome::default(), Held::default());
     // Before the priority: a thread with a fixed one has no slack that could be set.
-    outcome.note(bits::PUNCTUAL_TIMERS, use_punctual_timers().and_then(|()| without_slack()));
+    outcome.note(bits::PUNCTUAL_TIMERS, use_punctual_timers().map(|()| "timers without slack".into()));
     if let Some(cores) = &asked.cores {
-        outcome.note(bits::CORES, stay_on_cores(cores).and_then(|()| exactly_on(cores)));
+        outcome.note(bits::CORES, stay_on_cores(cores).map(|()| format!("on cores {cores:?}")));
     }
     if asked.awake_cores {
         let awake = keep_cores_awake().map(|request| {
@@ -91,9 +90,9 @@ pub fn apply(asked: &RealTimeConfig) -> (Outcome, Held) {
         outcome.note(bits::AWAKE_CORES, awake);
     }
     if asked.lock_memory {
-        let locked = lock_memory().and_then(|()| {
+        let locked = lock_memory().map(|()| {
             held.memory_locked = true;
-            locked()
+            "all memory locked".into()
         });
         outcome.note(bits::LOCKED_MEMORY, locked);
         touch_stack();
@@ -101,7 +100,10 @@ pub fn apply(asked: &RealTimeConfig) -> (Outcome, Held) {
     }
     // Last: nothing above need run before other threads.
     if let Some(priority) = asked.priority {
-        outcome.note(bits::PRIORITY, use_fifo(priority).and_then(|()| really_fifo(priority)));
+        outcome.note(
+            bits::PRIORITY,
+            use_fifo(priority).map(|()| format!("SCHED_FIFO with priority {priority}")),
+        );
     }
     (outcome, held)
 }
@@ -147,53 +149,6 @@ impl Drop for OffTheLoop {
     }
 }
 
-fn without_slack() -> Result<String, Refused> {
-    match timer_slack_ns() {
-        Some(0 | 1) => Ok("timers without slack".into()),
-        slack => {
-            Err(refused("timers without slack", format!("slack of {slack:?} ns"), real_time::TIMERS_REMEDY))
-        }
-    }
-}
-
-fn exactly_on(cores: &[usize]) -> Result<String, Refused> {
-    let found = allowed_cores();
-    let mut asked = cores.to_vec();
-    asked.sort_unstable();
-    // The kernel grants the part of what was asked for that is allowed, without a word.
-    match found == asked {
-        true => Ok(format!("on cores {found:?}")),
-        false => {
-            let asked = format!("run on cores {asked:?} only");
-            Err(refused(asked, format!("cores {found:?} were given"), real_time::CORES_REMEDY))
-        }
-    }
-}
-
-fn locked() -> Result<String, Refused> {
-    match locked_and_occupied_kb() {
-        // What is locked contains what is only reserved, for heaps of threads that may come.
-        Some((locked, occupied)) if locked >= occupied => {
-            Ok(format!("all memory locked ({} MB occupied)", occupied.div_ceil(1024)))
-        }
-        found => {
-            let found = format!("locked and occupied (kB): {found:?}");
-            Err(refused("lock all memory", found, real_time::MEMORY_REMEDY))
-        }
-    }
-}
-
-fn really_fifo(priority: u8) -> Result<String, Refused> {
-    let found = scheduling();
-    match found == Some(("SCHED_FIFO", i32::from(priority))) {
-        true => Ok(format!("SCHED_FIFO with priority {priority}")),
-        false => {
-            let asked = format!("SCHED_FIFO with priority {priority}");
-            Err(refused(asked, format!("the thread has {found:?}"), real_time::FIFO_REMEDY))
-        }
-    }
-}
-
 #[inline(never)]
 fn touch_stack() {
     let mut reserve = [0_u8; STACK_RESERVE_BYTES];
@@ -230,7 +185,7 @@ pub fn throttling() -> Option<String> {
 mod tests {
     use super::*;
 
-    /// Locked memory is the whole process's: whoever counts page faults does so before or after.
+    /// Locked memory is the whole process's: a test that counts page faults must not run beside it.
     static MEMORY: std::sync::Mutex<()> = std::sync::Mutex::new(());
 
     fn page_faults_of_this_thread() -> u64 {

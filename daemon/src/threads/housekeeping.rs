@@ -2,7 +2,7 @@
 
 use crate::config::Config;
 use crate::cycle::TickRecord;
-use crate::engine::LoopCommand;
+use crate::engine::{Counters, LoopCommand};
 use crate::latency::Latency;
 use crate::log::say;
 use crate::ports::HousekeepingPorts;
@@ -23,7 +23,7 @@ const LOOP_PATIENCE: Duration = Duration::from_secs(2);
 /// Longest wait for a snapshot: a disk may be slow, and a million centers are read in parts.
 const SAVE_PATIENCE: Duration = Duration::from_secs(120);
 /// Rare samples are logged after this many statuses in a row with them.
-const LOOKS_BEFORE_SAYING: u32 = 10;
+const STATUSES_BEFORE_RARE_SAMPLES_ARE_LOGGED: u32 = 10;
 /// The channels by their measured quantity, as the counters of three are ordered.
 const QUANTITIES: [&str; 3] = ["velocity", "angular velocity", "output"];
 
@@ -60,23 +60,13 @@ pub struct Housekeeping {
     service_manager: ServiceManager,
 }
 
-/// What the log has said already.
+/// What was logged last.
 #[derive(Default)]
 struct Logged {
-    rejected: [u64; 11],
-    state_resets: u64,
-    source_changes: u64,
+    counters: Counters,
     other_source: Option<u128>,
-    waiting_said: bool,
-    ticks: u64,
-    ticks_coasting: u64,
-    samples_accepted: u64,
-    looks_with_rare_samples: u32,
-    outputs_held_back: [u64; 3],
-    outputs_stuck: [u64; 3],
-    ticks_predict_only: u64,
-    ticks_invalid: u64,
-    ticks_not_recorded: u64,
+    waiting: bool,
+    statuses_with_rare_samples: u32,
 }
 
 impl Housekeeping {
@@ -267,16 +257,15 @@ impl Housekeeping {
 
     fn log(&mut self) {
         let Some(record) = &self.newest else { return };
-        let counters = record.counters;
-        if record.source.is_none() && !self.logged.waiting_said {
+        let now = record.counters;
+        let before = std::mem::replace(&mut self.logged.counters, now);
+        if record.source.is_none() && !std::mem::replace(&mut self.logged.waiting, true) {
             say!("no sample yet; waiting for a source");
-            self.logged.waiting_said = true;
         }
-        if counters.source_changes != self.logged.source_changes {
-            self.logged.source_changes = counters.source_changes;
+        if now.source_changes != before.source_changes {
             let pid = record.source.and_then(|source| self.ports.source_pid(source));
             let pid = pid.map_or("unknown".into(), |pid| pid.to_string());
-            say!("source of samples is process {pid} (change {})", counters.source_changes);
+            say!("source of samples is process {pid} (change {})", now.source_changes);
         }
         if record.other_source.is_some() && record.other_source != self.logged.other_source {
             if let Some(pid) = record.other_source.and_then(|source| self.ports.source_pid(source)) {
@@ -287,82 +276,63 @@ impl Housekeeping {
             self.logged.other_source = record.other_source;
         }
         for reason in Rejection::ALL {
-            let rejected = counters.samples_rejected[reason as usize];
-            if is_news(&mut self.logged.rejected[reason as usize], rejected) {
-                say!("{rejected} samples rejected: {}", reason.words());
+            let n = now.samples_rejected[reason as usize];
+            if is_news(before.samples_rejected[reason as usize], n) {
+                say!("{n} samples rejected: {}", reason.words());
             }
         }
-        self.log_rare_samples();
-        self.log_outliers_and_lateness();
-        if counters.state_resets != self.logged.state_resets {
-            self.logged.state_resets = counters.state_resets;
-            say!("warning: the state left its limits and fell back ({} times)", counters.state_resets);
+        for (channel, quantity) in QUANTITIES.into_iter().enumerate() {
+            let (held_back, stuck) = (now.outputs_held_back[channel], now.outputs_stuck[channel]);
+            if is_news(before.outputs_held_back[channel], held_back) {
+                say!(
+                    "{held_back} measurements of the {quantity} stand out and are held back (input.outliers)"
+                );
+            }
+            if is_news(before.outputs_stuck[channel], stuck) {
+                say!(
+                    "the sensor of the {quantity} is stuck: it repeats one value to the bit (input.stuck), {stuck} samples by now"
+                );
+            }
         }
+        if is_news(before.ticks_predict_only, now.ticks_predict_only) {
+            say!(
+                "warning: the loop is late, {} ticks in a row: samples are not used ({} ticks by now); a lower rate_hz or fewer centers would help",
+                record.late_ticks_in_a_row,
+                now.ticks_predict_only
+            );
+        }
+        if is_news(before.ticks_invalid, now.ticks_invalid) {
+            say!(
+                "warning: the loop is late for too long: {} estimates are marked invalid by now",
+                now.ticks_invalid
+            );
+        }
+        if is_news(before.ticks_not_recorded, now.ticks_not_recorded) {
+            say!("warning: the disk is too slow: {} ticks are not recorded by now", now.ticks_not_recorded);
+        }
+        if now.state_resets != before.state_resets {
+            say!("warning: the state left its limits and fell back ({} times)", now.state_resets);
+        }
+        self.log_rare_samples(&before, &now);
     }
 
-    /// Samples that keep coming, and yet many ticks that coast: the source is slower than configured.
-    fn log_rare_samples(&mut self) {
-        let Some(record) = &self.newest else { return };
-        let counters = record.counters;
-        let logged = &mut self.logged;
-        let ticks = counters.ticks - logged.ticks;
-        let coasting = counters.ticks_coasting - logged.ticks_coasting;
-        let rare = counters.samples_accepted > logged.samples_accepted && 3 * coasting > ticks;
-        (logged.ticks, logged.ticks_coasting) = (counters.ticks, counters.ticks_coasting);
-        logged.samples_accepted = counters.samples_accepted;
-        logged.looks_with_rare_samples =
-            if rare { logged.looks_with_rare_samples.saturating_add(1) } else { 0 };
-        if logged.looks_with_rare_samples == LOOKS_BEFORE_SAYING {
+    /// Samples that keep coming while many ticks coast: the source is slower than configured.
+    fn log_rare_samples(&mut self, before: &Counters, now: &Counters) {
+        let ticks = now.ticks - before.ticks;
+        let coasting = now.ticks_coasting - before.ticks_coasting;
+        let rare = now.samples_accepted > before.samples_accepted && 3 * coasting > ticks;
+        let in_a_row = &mut self.logged.statuses_with_rare_samples;
+        *in_a_row = if rare { in_a_row.saturating_add(1) } else { 0 };
+        if *in_a_row == STATUSES_BEFORE_RARE_SAMPLES_ARE_LOGGED {
             say!(
                 "samples keep coming, and yet {coasting} of {ticks} ticks coast: is a sensor slower than rate_hz, or lossy? \
                  (translation.sample_rate_hz, rotation.sample_rate_hz)"
             );
         }
     }
-
-    /// Outputs that were held back, stuck sensors, and a loop that is late.
-    fn log_outliers_and_lateness(&mut self) {
-        let Some(record) = &self.newest else { return };
-        let counters = record.counters;
-        let logged = &mut self.logged;
-        for (place, quantity) in QUANTITIES.into_iter().enumerate() {
-            let (held_back, stuck) = (counters.outputs_held_back[place], counters.outputs_stuck[place]);
-            if is_news(&mut logged.outputs_held_back[place], held_back) {
-                say!(
-                    "{held_back} measurements of the {quantity} stand out and are held back (input.outliers)"
-                );
-            }
-            if is_news(&mut logged.outputs_stuck[place], stuck) {
-                say!(
-                    "the sensor of the {quantity} is stuck: it repeats one value to the bit (input.stuck), {stuck} samples by now"
-                );
-            }
-        }
-        if is_news(&mut logged.ticks_predict_only, counters.ticks_predict_only) {
-            say!(
-                "warning: the loop is late, {} ticks in a row: samples are not used ({} ticks by now); a lower rate_hz or fewer centers would help",
-                record.late_ticks_in_a_row,
-                counters.ticks_predict_only
-            );
-        }
-        if is_news(&mut logged.ticks_invalid, counters.ticks_invalid) {
-            say!(
-                "warning: the loop is late for too long: {} estimates are marked invalid by now",
-                counters.ticks_invalid
-            );
-        }
-        if is_news(&mut logged.ticks_not_recorded, counters.ticks_not_recorded) {
-            say!(
-                "warning: the disk is too slow: {} ticks are not recorded by now",
-                counters.ticks_not_recorded
-            );
-        }
-    }
 }
 
 /// Whether a count is to be logged: its first, then each power of ten, so that a flood of events is no flood of lines.
-fn is_news(before: &mut u64, now: u64) -> bool {
-    let is_news = now.checked_ilog10() > before.checked_ilog10();
-    *before = now;
-    is_news
+fn is_news(before: u64, now: u64) -> bool {
+    now.checked_ilog10() > before.checked_ilog10()
 }

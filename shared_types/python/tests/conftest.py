@@ -18,7 +18,7 @@ EXAMPLES = Path(__file__).parent.parent / "examples"
 
 @pytest.fixture(scope="session")
 def facts():
-    """What the Rust side says about itself: `cargo test -p daemon --test python` runs these tests with it."""
+    """What the Rust side says about itself: `cargo test -p daemon --test daemon python` runs these tests with it."""
     return json.loads(Path(os.environ["OBSERVER_FACTS"]).read_text())
 
 

@@ -5,8 +5,7 @@ use serde::Serialize;
 /// What a fact means for the service.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum Verdict {
-    /// Nothing to do.
+pub(crate) enum Verdict {
     Good,
     /// The service flies, but less punctually or safely than it could.
     CouldBeBetter,
@@ -17,8 +16,7 @@ pub enum Verdict {
 }
 
 impl Verdict {
-    /// In words.
-    pub fn words(self) -> &'static str {
+    pub(crate) fn words(self) -> &'static str {
         match self {
             Self::Good => "good",
             Self::CouldBeBetter => "could be better",
@@ -30,47 +28,42 @@ impl Verdict {
 
 /// One thing that punctuality or safety depends on.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
-pub struct Fact {
-    /// What it is about.
-    pub name: &'static str,
-    /// What was found.
-    pub found: String,
-    /// What that means.
-    pub verdict: Verdict,
+pub(crate) struct Fact {
+    pub(crate) name: &'static str,
+    pub(crate) found: String,
+    pub(crate) verdict: Verdict,
     /// The command or change that would help.
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub remedy: Option<String>,
+    pub(crate) remedy: Option<String>,
 }
 
 impl Fact {
-    pub(super) fn good(name: &'static str, found: impl Into<String>) -> Self {
+    pub(crate) fn good(name: &'static str, found: impl Into<String>) -> Self {
         Self { name, found: found.into(), verdict: Verdict::Good, remedy: None }
     }
 
-    pub(super) fn unknown(name: &'static str, found: impl Into<String>) -> Self {
+    pub(crate) fn unknown(name: &'static str, found: impl Into<String>) -> Self {
         Self { name, found: found.into(), verdict: Verdict::Unknown, remedy: None }
     }
 
-    pub(super) fn better(name: &'static str, found: impl Into<String>, remedy: impl Into<String>) -> Self {
+    pub(crate) fn better(name: &'static str, found: impl Into<String>, remedy: impl Into<String>) -> Self {
         Self { name, found: found.into(), verdict: Verdict::CouldBeBetter, remedy: Some(remedy.into()) }
     }
 
-    pub(super) fn bad(name: &'static str, found: impl Into<String>, remedy: impl Into<String>) -> Self {
+    pub(crate) fn bad(name: &'static str, found: impl Into<String>, remedy: impl Into<String>) -> Self {
         Self { name, found: found.into(), verdict: Verdict::Bad, remedy: Some(remedy.into()) }
     }
 }
 
 /// What is measured.
 #[derive(Debug, Clone)]
-pub struct Plan {
-    /// Wake-ups per second.
-    pub rate_hz: f64,
+pub(crate) struct Plan {
+    pub(crate) rate_hz: f64,
     /// Polled before each deadline (µs).
-    pub spin_us: f64,
+    pub(crate) spin_us: f64,
     /// Length of the measurement of each setting.
-    pub seconds: f64,
-    /// Of SCHED_FIFO.
-    pub priority: u8,
+    pub(crate) seconds: f64,
+    pub(crate) priority: u8,
     /// Of the measuring threads; `None`: any.
-    pub cores: Option<Vec<usize>>,
+    pub(crate) cores: Option<Vec<usize>>,
 }

@@ -17,22 +17,14 @@ const TURNS: u32 = 4;
 /// What the waiting thread asks for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum Mode {
-    /// Nothing.
+pub(crate) enum Mode {
     Ordinary,
-    /// Timers without slack.
     PunctualTimers,
-    /// A fixed priority.
     Fifo,
-    /// No deep idle states.
     AwakeCores,
-    /// Memory that stays.
     LockedMemory,
-    /// All of these.
     Everything,
-    /// Nothing, and the clock is polled before the deadline.
     OrdinarySpin,
-    /// All of these, and the clock is polled before the deadline.
     EverythingSpin,
 }
 
@@ -48,8 +40,7 @@ impl Mode {
         Self::EverythingSpin,
     ];
 
-    /// In words.
-    pub fn words(self, spin_us: f64, priority: u8) -> String {
+    pub(crate) fn words(self, spin_us: f64, priority: u8) -> String {
         match self {
             Self::Ordinary => "ordinary thread".into(),
             Self::PunctualTimers => "with punctual timers".into(),
@@ -84,14 +75,13 @@ impl Mode {
 
 /// One mode's figures.
 #[derive(Debug, Serialize)]
-pub struct LatenessRow {
-    /// What was asked for.
-    pub mode: Mode,
+pub(crate) struct LatenessRow {
+    pub(crate) mode: Mode,
     /// Deadline to wake-up; `None` where the mode was refused.
-    pub lateness_ns: Option<LatencySummary>,
+    pub(crate) lateness_ns: Option<LatencySummary>,
     #[serde(skip_serializing_if = "Option::is_none")]
     /// Why it was refused.
-    pub lateness_ns_reason: Option<String>,
+    pub(crate) lateness_ns_reason: Option<String>,
 }
 
 fn wakes_per_turn(plan: &Plan) -> u32 {
@@ -99,12 +89,12 @@ fn wakes_per_turn(plan: &Plan) -> u32 {
 }
 
 /// How long [`measure`] takes (s).
-pub fn seconds(plan: &Plan) -> f64 {
+pub(crate) fn seconds(plan: &Plan) -> f64 {
     f64::from(wakes_per_turn(plan) * TURNS) / plan.rate_hz * Mode::ALL.len() as f64
 }
 
 /// Measures every mode.
-pub(super) fn measure(plan: &Plan) -> Vec<LatenessRow> {
+pub(crate) fn measure(plan: &Plan) -> Vec<LatenessRow> {
     let mut found = Mode::ALL.map(|mode| (mode, Latency::new(), None::<String>));
     let n_wakes = wakes_per_turn(plan);
     for _ in 0..TURNS {

@@ -94,7 +94,7 @@ fn write_test() -> Fact {
 fn root_path(domain: &Domain) -> Fact {
     const NAME: &str = "root path";
     let root = domain.root();
-    // It is made by whoever comes first: until then its nearest ancestor speaks for it.
+    // The first process of the domain makes it; before that, its nearest ancestor is looked at.
     let there = root.ancestors().find(|path| path.exists()).unwrap_or(Path::new("/"));
     let kind = mount(there).map_or("an unknown file system".into(), |(kind, _)| kind);
     let found = format!("{} ({kind}{})", root.display(), if root.exists() { "" } else { ", not there yet" });
@@ -137,9 +137,9 @@ fn stale_files(domain: &Domain, instance: &str) -> Fact {
         left.dead_claims.len(),
         left.files,
     );
-    // Whoever joins the domain removes what is stale; without anyone in it, the last one out removes the rest.
+    // A process that joins the domain removes what is stale; the last one that leaves removes the rest.
     let remedy = format!(
-        "daemon control status --root {root} --instance {instance} removes what is stale, and everything if nobody is left"
+        "daemon control status --root {root} --instance {instance} removes what is stale, and everything if no process is left"
     );
     Fact::better(NAME, found, remedy)
 }

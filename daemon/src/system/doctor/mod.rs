@@ -10,6 +10,6 @@ mod lateness;
 mod memory;
 mod report;
 
-pub use fact::{Fact, Plan, Verdict};
-pub use lateness::{LatenessRow, Mode, seconds};
-pub use report::{Report, report};
+pub(crate) use fact::{Plan, Verdict};
+pub(crate) use lateness::seconds;
+pub(crate) use report::{Report, report};

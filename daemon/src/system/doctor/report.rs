@@ -12,25 +12,18 @@ use shared_types::payload::real_time;
 
 /// The document of `--json`.
 #[derive(Debug, Serialize)]
-pub struct Report {
-    /// The processor's model.
-    pub cpu: String,
-    /// Of the build.
-    pub profile: &'static str,
-    /// As planned.
-    pub rate_hz: f64,
-    /// As planned.
-    pub spin_us: f64,
-    /// As planned.
-    pub priority: u8,
-    /// What was found.
-    pub facts: Vec<Fact>,
-    /// How late threads woke up.
-    pub lateness: Vec<LatenessRow>,
+pub(crate) struct Report {
+    pub(crate) cpu: String,
+    pub(crate) profile: &'static str,
+    pub(crate) rate_hz: f64,
+    pub(crate) spin_us: f64,
+    pub(crate) priority: u8,
+    pub(crate) facts: Vec<Fact>,
+    pub(crate) lateness: Vec<LatenessRow>,
 }
 
 /// Measures this machine; with a configuration, tries out its real-time settings, too.
-pub fn report(plan: &Plan, domain: &Domain, instance: &str, file: Option<&ConfigFile>) -> Report {
+pub(crate) fn report(plan: &Plan, domain: &Domain, instance: &str, file: Option<&ConfigFile>) -> Report {
     let steal_before = facts::processor_time();
     let lateness = lateness::measure(plan);
     let mut facts = facts::all(plan, steal_before);

@@ -1,0 +1,22 @@
+//! The daemon's integration tests, in one program.
+//!
+//! Each file tests one story. What decides an estimate is tested without a clock (`engine`, `same_bits`, `properties`); the
+//! other files start the real program in a domain of their own (`common`).
+
+mod access;
+mod c_client;
+mod check;
+mod common;
+mod config_reference;
+mod configuration;
+mod doctor;
+mod engine;
+mod iceoryx2_config;
+mod no_allocation;
+mod properties;
+mod python;
+mod real_time;
+mod same_bits;
+mod service;
+mod service_manager;
+mod snapshot;
