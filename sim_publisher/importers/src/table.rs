@@ -455,7 +455,7 @@ mod tests {
         };
         let body = |j: u64| {
             let sample = Measurement::at(j * 5_000_000, j).with_angular_velocity_rad_s(third(j));
-            if j % 2 == 0 { sample.with_body_velocity_m_s(third(j + 3)) } else { sample }
+            if j.is_multiple_of(2) { sample.with_body_velocity_m_s(third(j + 3)) } else { sample }
         };
         for samples in [(0..9).map(inertial).collect::<Vec<_>>(), (0..9).map(body).collect()] {
             let mut table = Vec::new();
