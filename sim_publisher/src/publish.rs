@@ -4,7 +4,7 @@
 //! what is published is repeatable but for its start. A sample is published at its stamp or, where this
 //! process was late, after it; never before.
 
-use crate::faults::Delivery;
+use crate::delivery::{Delivery, Outgoing};
 use serde::{Deserialize, Serialize};
 use shared_types::client::{MeasurementPublisher, TruthPublisher};
 use shared_types::clock::{monotonic_ns, sleep_until_ns};
@@ -20,39 +20,6 @@ const SETTLING_NS: u64 = 50_000_000;
 const LEAD_NS: u64 = 20_000_000;
 /// The longest sleep: a stop is noticed, and readers are let in, at least this often (ns).
 const LONGEST_SLEEP_NS: u64 = 50_000_000;
-
-/// What is to be published at one instant; stamps count from the start.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Outgoing {
-    /// The instant (ns).
-    pub at_ns: u64,
-    /// The true state, of a simulation.
-    pub truth: Option<Truth>,
-    /// The sample that is sent, if any.
-    pub delivery: Option<Delivery>,
-    /// Whether a sample of this instant is lost on purpose.
-    pub is_lost: bool,
-}
-
-impl From<Delivery> for Outgoing {
-    fn from(delivery: Delivery) -> Self {
-        Self { at_ns: delivery.at_ns, truth: None, delivery: Some(delivery), is_lost: false }
-    }
-}
-
-impl From<Measurement> for Outgoing {
-    fn from(measurement: Measurement) -> Self {
-        Delivery { at_ns: measurement.stamp_ns, measurement, clock_error_ns: 0 }.into()
-    }
-}
-
-impl From<crate::SimulatedSample> for Outgoing {
-    fn from(sample: crate::SimulatedSample) -> Self {
-        let crate::SimulatedSample { measurement, truth } = sample;
-        let delivery = measurement.and_then(|measurement| Self::from(measurement).delivery);
-        Self { at_ns: truth.stamp_ns, truth: Some(truth), delivery, is_lost: measurement.is_none() }
-    }
-}
 
 /// How the source's time runs on the wall.
 #[derive(Debug, Clone, Copy, PartialEq)]
