@@ -257,34 +257,15 @@ struct Place<'a> {
 
 /// A flight from numbers of any channels: a table, with a row for each instant at which one was logged.
 fn channels(bytes: &[u8], name: &str, map: &CsvMap) -> Result<RecordedFlight, ImportError> {
-    let columns = [
-        &map.velocity_x,
-        &map.velocity_y,
-        &map.velocity_z,
-        &map.angular_velocity_x,
-        &map.angular_velocity_y,
-        &map.angular_velocity_z,
-        &map.position_x,
-        &map.position_y,
-        &map.position_z,
-        &map.attitude_w,
-        &map.attitude_x,
-        &map.attitude_y,
-        &map.attitude_z,
-        &map.force_x,
-        &map.force_y,
-        &map.force_z,
-        &map.torque_x,
-        &map.torque_y,
-        &map.torque_z,
-    ];
     if map.time_s.is_some() || map.time.is_some() || map.separator.is_some() {
         return Err(ImportError::Option(
             "time and separator are for --format csv; an MCAP file has its own time".into(),
         ));
     }
     let mut places: Vec<Place<'_>> = Vec::new();
-    for column in columns.into_iter().flatten() {
+    let pairs = map.pairs();
+    let pairs = pairs.iter().filter_map(|pair| pair.split_once('='));
+    for (_, column) in pairs.filter(|(key, _)| !["time_unit", "velocity_frame"].contains(key)) {
         let (topic, path) = column.rsplit_once(':').ok_or_else(|| {
             ImportError::Option(format!("--column KEY={column}: needed: KEY=/topic:path.to.field"))
         })?;
