@@ -16,8 +16,8 @@ mod spec;
 
 pub use spec::{Fault, FaultError, Field, Kind, Reach, check_faults, help, read_faults};
 
+use crate::delivery::{Delivery, Outgoing};
 use crate::disturbance::white;
-use crate::publish::Outgoing;
 use crate::sensors::{Chance, wxyz};
 use crate::simulation::SimulatedSample;
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
@@ -28,17 +28,6 @@ use shared_types::payload::valid;
 use shared_types::table::Message;
 use std::collections::VecDeque;
 use std::iter::Peekable;
-
-/// A sample on its way; times count from the start of the run.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Delivery {
-    /// When it is sent (ns).
-    pub at_ns: u64,
-    /// The sample, with its true stamp.
-    pub measurement: Measurement,
-    /// How far the source's clock is wrong (ns); ahead where positive.
-    pub clock_error_ns: i64,
-}
 
 /// How many samples a fault concerned.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -11,6 +11,7 @@
 //! | [`scenario`] | four vehicles: the paper's two examples, a quadcopter, an underwater vehicle |
 //! | [`disturbance`] | coloured noise: gusts, the variation of a current |
 //! | [`sensors`] | what is measured of the truth, when, how badly, and which samples never arrive |
+//! | [`delivery`] | what is on its way to the service |
 //! | [`faults`] | what goes wrong on purpose, and when: a pure stage between samples and publication |
 //! | [`simulation`] | all of them together: an iterator over samples, without clock or files |
 //! | [`publish`] | samples into shared memory, each at its own stamp |
@@ -30,6 +31,7 @@
 //! ```
 
 pub mod cli;
+pub mod delivery;
 pub mod disturbance;
 pub mod faults;
 pub mod plant;

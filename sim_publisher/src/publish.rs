@@ -4,7 +4,7 @@
 //! what is published is repeatable but for its start. A sample is published at its stamp or, where this
 //! process was late, after it; never before.
 
-use crate::faults::Delivery;
+use crate::delivery::{Delivery, Outgoing};
 use serde::{Deserialize, Serialize};
 use shared_types::client::{MeasurementPublisher, TruthPublisher};
 use shared_types::clock::{monotonic_ns, sleep_until_ns};
@@ -20,39 +20,6 @@ const SETTLING_NS: u64 = 50_000_000;
 const LEAD_NS: u64 = 20_000_000;
 /// The longest sleep: a stop is noticed, and readers are let in, at least this often (ns).
 const LONGEST_SLEEP_NS: u64 = 50_000_000;
-
-/// What is to be published at one instant; stamps count from the start.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Outgoing {
-    /// The instant (ns).
-    pub at_ns: u64,
-    /// The true state, of a simulation.
-    pub truth: Option<Truth>,
-    /// The sample that is sent, if any.
-    pub delivery: Option<Delivery>,
-    /// Whether a sample of this instant is lost on purpose.
-    pub is_lost: bool,
-}
-
-impl From<Delivery> for Outgoing {
-    fn from(delivery: Delivery) -> Self {
-        Self { at_ns: delivery.at_ns, truth: None, delivery: Some(delivery), is_lost: false }
-    }
-}
-
-impl From<Measurement> for Outgoing {
-    fn from(measurement: Measurement) -> Self {
-        Delivery { at_ns: measurement.stamp_ns, measurement, clock_error_ns: 0 }.into()
-    }
-}
-
-impl From<crate::SimulatedSample> for Outgoing {
-    fn from(sample: crate::SimulatedSample) -> Self {
-        let crate::SimulatedSample { measurement, truth } = sample;
-        let delivery = measurement.and_then(|measurement| Self::from(measurement).delivery);
-        Self { at_ns: truth.stamp_ns, truth: Some(truth), delivery, is_lost: measurement.is_none() }
-    }
-}
 
 /// How the source's time runs on the wall.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -295,49 +262,42 @@ mod tests {
         });
     }
 
+    /// Publishes samples of this period; gives what was published, skipped before the start, and received.
+    fn sent(domain: &Domain, n: u64, period_ns: u64, pace: Pace) -> (Published, u64, Vec<Measurement>) {
+        let never = AtomicBool::new(false);
+        let client = connect(domain, "vehicle", &never, || ()).unwrap().unwrap();
+        let mut measurements = client.measurement_subscriber().unwrap();
+        let samples = (0..n).map(|k| Measurement::at(k * period_ns, k).with_velocity_m_s([0.0; 3]));
+        let (mut skipped, mut received) = (0, Vec::new());
+        let mut receive = |_: &Outgoing| received.extend(iter::from_fn(|| measurements.take().unwrap()));
+        let source = samples.map(Outgoing::from).inspect(&mut receive);
+        let published = publish(&client, source, pace, &never, |p| skipped = p.samples_skipped).unwrap();
+        receive(&Outgoing { at_ns: 0, truth: None, delivery: None, is_lost: false });
+        (published, skipped, received)
+    }
+
     #[test]
     fn a_faster_replay_keeps_the_samples_own_time() {
         with_services(|domain| {
-            let never = AtomicBool::new(false);
-            let client = connect(domain, "vehicle", &never, || ()).unwrap().unwrap();
-            let mut measurements = client.measurement_subscriber().unwrap();
-            let samples = (0..20u64).map(|k| Measurement::at(k * 100_000_000, k).with_velocity_m_s([0.0; 3]));
-            let mut stamps_ns = Vec::new();
-            let mut receive = |_: &Outgoing| {
-                stamps_ns.extend(iter::from_fn(|| measurements.take().unwrap()).map(|m| m.stamp_ns));
-            };
-            let source = samples.map(Outgoing::from).inspect(&mut receive);
-            let pace = Pace { speed: 50.0, ..Pace::live() };
-            let published = publish(&client, source, pace, &never, |_| ()).unwrap();
-            receive(&Outgoing { at_ns: 0, truth: None, delivery: None, is_lost: false });
+            let (published, _, received) =
+                sent(domain, 20, 100_000_000, Pace { speed: 50.0, ..Pace::live() });
             assert_eq!(published.duration_ns, 1_900_000_000);
-            let expected = (0..20).map(|k| published.start_stamp_ns + k * 100_000_000);
-            assert_eq!(stamps_ns, expected.collect::<Vec<_>>());
+            let expected: Vec<_> = (0..20).map(|k| published.start_stamp_ns + k * 100_000_000).collect();
+            assert_eq!(received.iter().map(|m| m.stamp_ns).collect::<Vec<_>>(), expected);
         });
     }
 
     #[test]
     fn a_run_that_another_process_began_is_continued_at_its_own_instants() {
         with_services(|domain| {
-            let never = AtomicBool::new(false);
-            let client = connect(domain, "vehicle", &never, || ()).unwrap().unwrap();
-            let mut measurements = client.measurement_subscriber().unwrap();
-            let samples = (0..60u64).map(|k| Measurement::at(k * 10_000_000, k).with_velocity_m_s([0.0; 3]));
             let start_ns = monotonic_ns() - 300_000_000;
             let pace = Pace { resumed_start_ns: Some(start_ns), ..Pace::live() };
-            let (mut skipped, mut sent) = (0, Vec::new());
-            let mut receive = |_: &Outgoing| sent.extend(iter::from_fn(|| measurements.take().unwrap()));
-            let source = samples.map(Outgoing::from).inspect(&mut receive);
-            let published = publish(&client, source, pace, &never, |p| skipped = p.samples_skipped).unwrap();
-            receive(&Outgoing { at_ns: 0, truth: None, delivery: None, is_lost: false });
+            let (published, skipped, received) = sent(domain, 60, 10_000_000, pace);
             // At least what was due when it was called, and all else is sent with its own stamp.
             assert!(skipped >= 30, "{skipped} skipped");
             assert_eq!((published.samples_skipped, published.samples_published), (skipped, 60 - skipped));
-            let expected = (skipped..60).map(|k| (k, start_ns + k * 10_000_000));
-            assert_eq!(
-                sent.iter().map(|m| (m.sequence, m.stamp_ns)).collect::<Vec<_>>(),
-                expected.collect::<Vec<_>>()
-            );
+            let expected: Vec<_> = (skipped..60).map(|k| (k, start_ns + k * 10_000_000)).collect();
+            assert_eq!(received.iter().map(|m| (m.sequence, m.stamp_ns)).collect::<Vec<_>>(), expected);
         });
     }
 

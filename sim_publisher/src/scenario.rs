@@ -11,13 +11,14 @@
 //! are not under test. Every vehicle starts on its reference.
 
 pub mod auv;
+mod definition;
 pub mod rigid_body;
 pub mod rotation;
 pub mod translation;
 
-use crate::disturbance::GaussMarkov;
-use crate::plant::{Nominal, State, TruePlant, Wrench};
-use crate::sensors::SensorSuite;
+pub use definition::{Definition, Vehicle};
+
+use crate::plant::Nominal;
 
 /// Which vehicle, with which sensors.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
@@ -30,30 +31,6 @@ pub enum Scenario {
     RigidBody,
     /// An underwater vehicle with added mass and damping in a current, mowing the lawn
     Auv,
-}
-
-/// A true plant that flies a reference.
-pub trait Vehicle: TruePlant + std::fmt::Debug + Sync {
-    /// The state at t = 0, on the reference.
-    fn initial_state(&self) -> State;
-
-    /// The command at `t_s`, computed from the true state and held until the next sample.
-    fn command(&self, t_s: f64, state: &State) -> Wrench;
-}
-
-/// Everything that makes a scenario.
-#[derive(Debug, Clone)]
-pub struct Definition {
-    /// The true plant and its controller.
-    pub vehicle: &'static dyn Vehicle,
-    /// What the service is told about it.
-    pub nominal: Nominal,
-    /// The disturbance, in the unit that the vehicle states.
-    pub disturbance: Option<GaussMarkov>,
-    /// What is measured.
-    pub sensors: SensorSuite,
-    /// Below this rate of samples the held command no longer stabilises the vehicle (Hz).
-    pub lowest_rate_hz: f64,
 }
 
 impl Scenario {
@@ -89,7 +66,7 @@ impl Scenario {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::plant::integrate_in;
+    use crate::plant::{State, Wrench, integrate_in};
     use clap::ValueEnum;
     use nalgebra::{Matrix3, Quaternion, Vector3};
     use proptest::prelude::*;

@@ -282,15 +282,6 @@ mod tests {
         #![proptest_config(ProptestConfig { failure_persistence: None, ..ProptestConfig::default() })]
 
         #[test]
-        fn no_bytes_make_the_parser_panic(bytes in proptest::collection::vec(any::<u8>(), 0..400)) {
-            let _ = parse(&bytes, "log");
-            let mut behind_a_header = header().into_bytes();
-            behind_a_header.push(b'\n');
-            behind_a_header.extend(&bytes);
-            let _ = parse(&behind_a_header, "log");
-        }
-
-        #[test]
         fn a_log_cut_anywhere_keeps_its_whole_rows(cut in 0.0..1.0f64) {
             let text = log(&(0..5).map(|k| row(f64::from(k) * 0.01, 6.5)).collect::<Vec<_>>());
             let cut = (text.len() as f64 * cut) as usize;

@@ -366,15 +366,5 @@ mod tests {
             prop_assert!(sequences.len() <= noise.len() + 1);
             prop_assert!(tally.garbage_bytes <= tally.bytes && tally.bytes == bytes.len() as u64);
         }
-
-        #[test]
-        fn no_bytes_make_it_fail(bytes in prop::collection::vec(any::<u8>(), 0..4000), piece in 1usize..5000) {
-            let (mut decoder, mut n) = (Decoder::default(), 0);
-            for piece in bytes.chunks(piece) {
-                decoder.feed(piece);
-                decoder.take_all(|frame| n += frame.payload().len());
-                prop_assert!(decoder.bytes.len() < 300);
-            }
-        }
     }
 }

@@ -2,7 +2,8 @@
 
 use super::arguments::ImportArguments;
 use super::target::{Failure, TargetArgs, publish_source, report};
-use crate::publish::{Outgoing, Pace};
+use crate::delivery::Outgoing;
+use crate::publish::Pace;
 use clap::Args;
 use importers::read_flight;
 use shared_types::logln;

@@ -2,8 +2,9 @@
 
 use super::arguments::parse_axes;
 use super::target::{Failure, TargetArgs, publish_source, report, stop_flag};
+use crate::delivery::Outgoing;
 use crate::faults::{Fault, Faults, Faulty, Reach, Tally, check_faults, read_faults};
-use crate::publish::{Outgoing, Pace, Published};
+use crate::publish::{Pace, Published};
 use crate::scenario::Scenario;
 use crate::sensors::Outage;
 use crate::simulation::{DEFAULT_RATE_HZ, Simulation, SimulationOptions};

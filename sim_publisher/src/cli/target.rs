@@ -1,7 +1,8 @@
 //! What the subcommands share: which service is fed, how a run ends, and why it fails.
 
+use crate::delivery::Outgoing;
 use crate::faults::FaultError;
-use crate::publish::{Outgoing, Pace, Published, connect, publish};
+use crate::publish::{Pace, Published, connect, publish};
 use crate::simulation::SimulationError;
 use crate::supervise::SuperviseError;
 use clap::Args;

@@ -24,7 +24,7 @@
 //! Fossen (2011), Handbook of Marine Craft Hydrodynamics and Motion Control, ch. 6–8; Kirchhoff's equations for
 //! the added mass
 
-use super::{Definition, Vehicle};
+use super::definition::{Definition, Vehicle};
 use crate::disturbance::GaussMarkov;
 use crate::plant::{Acceleration, Nominal, State, TruePlant, Wrench, attitude_error};
 use crate::sensors::{Schedule, SensorSuite, VectorSensor, VelocityFrame};

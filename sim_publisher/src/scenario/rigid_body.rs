@@ -15,7 +15,7 @@
 //! | τ₀ | thrust beside the center of mass | (0.02, −0.03, 0.005) N m |
 //! | ξ | gust, Gauss–Markov, 1 s, on each axis | 0.3 N rms |
 
-use super::{Definition, Vehicle};
+use super::definition::{Definition, Vehicle};
 use crate::disturbance::GaussMarkov;
 use crate::plant::{Acceleration, Nominal, State, TruePlant, Wrench, attitude_error};
 use crate::sensors::{Schedule, SensorSuite, VectorSensor, VelocityFrame};

@@ -4,7 +4,7 @@
 //! Niu et al., Vector-Valued Native Space Embedding for Adaptive State Observation, example 2. The attitude is
 //! a unit quaternion here, where the paper integrates 3-2-1 Euler angles; the motion is the same.
 
-use super::{Definition, Vehicle};
+use super::definition::{Definition, Vehicle};
 use crate::plant::{Acceleration, Nominal, State, TruePlant, Wrench};
 use crate::sensors::{Schedule, SensorSuite, VectorSensor};
 use nalgebra::Vector3;

@@ -3,7 +3,7 @@
 //! # Source
 //! Niu et al., Vector-Valued Native Space Embedding for Adaptive State Observation, example 1
 
-use super::{Definition, Vehicle};
+use super::definition::{Definition, Vehicle};
 use crate::plant::{Acceleration, Nominal, State, TruePlant, Wrench};
 use crate::sensors::{Schedule, SensorSuite, VectorSensor, VelocityFrame};
 use nalgebra::Vector3;
