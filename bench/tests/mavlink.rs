@@ -183,16 +183,16 @@ fn summary_of(later_s: &[f64]) -> (f64, f64, f64) {
 }
 
 #[test]
-fn a_thousand_odometry_samples_go_in_and_the_estimates_come_back_as_odometry() {
+fn odometry_goes_in_and_the_estimates_come_back_as_odometry() {
     let Some(python) = python() else { return };
-    let flight = fly(&python, "odometry", 1000, &["--send", "odometry", "--send-rate-hz", "200"]);
-    assert_eq!(flight.bridge["samples_published"], 1000);
+    let flight = fly(&python, "odometry", 600, &["--send", "odometry", "--send-rate-hz", "200"]);
+    assert_eq!(flight.bridge["samples_published"], 600);
     for none in
         ["garbage_bytes", "crc_failures", "frames_lost", "unreadable", "samples_out_of_order", "clock_resets"]
     {
         assert_eq!(flight.bridge[none], 0, "{none}");
     }
-    assert_accepted(&flight.status, 1000);
+    assert_accepted(&flight.status, 600);
 
     // The vehicle answers TIMESYNC: no stamp is off by more than half of the round trip, and the clock's microsecond.
     let later_s = assert_samples(&flight, None);
@@ -275,9 +275,9 @@ fn position_and_attitude_are_joined_and_the_thrust_becomes_a_force() {
         "--own-component-id",
         "191",
     ];
-    let flight = fly(&python, "pair", 600, &options);
-    assert_eq!(flight.bridge["samples_published"], 600);
-    assert_eq!(flight.bridge["samples_with_force"], 600);
+    let flight = fly(&python, "pair", 400, &options);
+    assert_eq!(flight.bridge["samples_published"], 400);
+    assert_eq!(flight.bridge["samples_with_force"], 400);
     assert_eq!(flight.bridge["samples_out_of_order"], 0);
     assert_accepted(&flight.status, flight.peer["sent"].as_array().unwrap().len() as u64);
     let (least_s, median_s, _) = summary_of(&assert_samples(&flight, Some(39.2)));
@@ -289,39 +289,6 @@ fn position_and_attitude_are_joined_and_the_thrust_becomes_a_force() {
     assert!(flight.peer["requests"].as_array().unwrap().iter().all(|r| r[1] == 10_000.0 && r[2] == 1));
     assert!(flight.log.contains("ODOMETRY: MAV_RESULT_DENIED"), "{}", flight.log);
     assert_eq!(flight.peer["sources"], serde_json::json!([[42, 191]]));
-}
-
-#[test]
-fn garbage_half_packets_other_systems_and_a_reboot_do_no_harm() {
-    let Some(python) = python() else { return };
-    let flight = fly(&python, "hostile", 1000, &[]);
-    let injected = &flight.peer["injected"];
-    assert_eq!(flight.bridge["samples_published"], 1000);
-    for (counter, name) in [
-        ("frames_of_others", "frames_of_others"),
-        ("odometry_refused", "refused"),
-        ("messages_without_numbers", "without_numbers"),
-    ] {
-        assert!(injected[name].as_u64().unwrap() >= 100, "{injected}");
-        assert_eq!(flight.bridge[counter], injected[name], "{name}");
-    }
-    // Noise may look like a frame by chance.
-    for (counter, slack) in [("garbage_bytes", 2000), ("crc_failures", 10), ("unknown_messages", 10)] {
-        let (found, expected) =
-            (flight.bridge[counter].as_i64().unwrap(), injected[counter].as_i64().unwrap());
-        assert!(
-            expected >= 100 && (found - expected).abs() <= slack,
-            "{counter}: {found}, injected {expected}"
-        );
-    }
-    assert_eq!(flight.bridge["clock_resets"], 1);
-    assert_eq!(flight.bridge["estimate_resets"], 4);
-    assert_eq!(flight.bridge["frames_lost"], 0);
-    assert!(flight.log.contains("the vehicle's clock was set anew, to 3.0"), "{}", flight.log);
-    assert!(flight.log.contains("ODOMETRY in frame 4 with velocities in frame 12"), "{}", flight.log);
-    assert_accepted(&flight.status, flight.peer["sent"].as_array().unwrap().len() as u64);
-    let (least_s, median_s, _) = summary_of(&assert_samples(&flight, None));
-    assert!(least_s > -0.1 && median_s < 0.1);
 }
 
 #[test]

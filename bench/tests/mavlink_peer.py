@@ -8,7 +8,6 @@ import argparse
 import json
 import math
 import os
-import random
 import select
 import sys
 import time
@@ -88,7 +87,6 @@ class Vehicle:
         self.boot_s = time.monotonic() - BOOT_AGE_S
         self.heard = {"odometry": [], "heartbeats": 0, "requests": [], "offsets_us": [], "sources": []}
         self.sent = []
-        self.random = random.Random(7)
 
     def now_s(self):
         return time.monotonic() - self.boot_s
@@ -132,17 +130,14 @@ class Vehicle:
                     }
                 )
 
-    def beat(self, mav=None):
-        (mav or self.mav).heartbeat_send(mavlink.MAV_TYPE_QUADROTOR, mavlink.MAV_AUTOPILOT_PX4, 0, 0, 4)
+    def beat(self):
+        self.mav.heartbeat_send(mavlink.MAV_TYPE_QUADROTOR, mavlink.MAV_AUTOPILOT_PX4, 0, 0, 4)
 
-    def odometry(self, mav, t_s, m, velocity=None, frames=(1, 12), quality=0, reset=0, pack=False):
+    def odometry(self, t_s, m):
         unknown = [math.nan] + [0.0] * 20
-        velocity = velocity or m["body_velocity"]
-        fields = [int(t_s * 1e6), *frames, *m["position"], m["quaternion"], *velocity, *m["rates"], unknown, unknown]
-        fields += [reset, mavlink.MAV_ESTIMATOR_TYPE_AUTOPILOT, quality]
-        if pack:
-            return mav.odometry_encode(*fields).pack(mav)
-        return mav.odometry_send(*fields)
+        velocities = [*m["body_velocity"], *m["rates"]]
+        fields = [int(t_s * 1e6), 1, 12, *m["position"], m["quaternion"], *velocities, unknown, unknown]
+        self.mav.odometry_send(*fields, 0, mavlink.MAV_ESTIMATOR_TYPE_AUTOPILOT, 0)
 
     def note(self, t_s, m):
         self.sent.append({"monotonic_s": t_s + self.boot_s, **m})
@@ -174,7 +169,7 @@ class Vehicle:
         for k in self.paced(self.options.n):
             t = self.now_s()
             m = motion(t)
-            self.odometry(self.mav, t, m)
+            self.odometry(t, m)
             self.note(t, m)
             if k % 50 == 0:
                 self.mav.timesync_send(0, time.monotonic_ns())
@@ -200,52 +195,6 @@ class Vehicle:
             for half in (position, attitude) if k % 2 else (attitude, position):
                 half()
             self.note(ms * 1e-3, m)
-
-    def fly_hostile(self):
-        other = mavlink.MAVLink(self.link, srcSystem=2, srcComponent=1)
-        station = mavlink.MAVLink(self.link, srcSystem=255, srcComponent=190)
-        injected = dict.fromkeys(
-            ["garbage_bytes", "crc_failures", "unknown_messages", "frames_of_others", "refused", "without_numbers"], 0
-        )
-        for k in self.paced(self.options.n):
-            if k == self.options.n // 2:
-                # A reboot.
-                self.boot_s = time.monotonic() - 3.0
-            t = self.now_s()
-            m = motion(t)
-            kind = k % 10
-            if kind == 1:
-                noise = self.random.randbytes(self.random.randrange(1, 200))
-                self.link.write(noise)
-                injected["garbage_bytes"] += len(noise)
-            elif kind == 2:
-                wrong = bytearray(self.odometry(station, t, m, pack=True))
-                wrong[-1] ^= 0x55
-                self.link.write(bytes(wrong))
-                injected["crc_failures"] += 1
-            elif kind == 3:
-                half = self.odometry(station, t, m, pack=True)[: self.random.randrange(1, 200)]
-                self.link.write(half)
-                injected["garbage_bytes"] += len(half)
-            elif kind == 4:
-                self.odometry(other, 5.0, {**m, "position": [1e9] * 3}, velocity=[99.0] * 3)
-                station.heartbeat_send(mavlink.MAV_TYPE_GCS, mavlink.MAV_AUTOPILOT_INVALID, 0, 0, 4)
-                injected["frames_of_others"] += 2
-            elif kind == 5:
-                self.odometry(self.mav, t, m, frames=(4, 12))
-                self.odometry(self.mav, t, m, quality=-1)
-                injected["refused"] += 2
-            elif kind == 6:
-                nothing = {name: [math.nan] * 3 for name in ("position", "body_velocity", "rates")}
-                self.odometry(self.mav, t, {**nothing, "quaternion": [math.nan] * 4}, reset=k // 200)
-                injected["without_numbers"] += 1
-            elif kind == 7:
-                # A message that the common set lacks: AHRS (163) of ArduPilot.
-                self.link.write(bytes([0xFD, 4, 0, 0, 0, 255, 190, 163, 0, 0, 1, 2, 3, 4, 0xAA, 0xBB]))
-                injected["unknown_messages"] += 1
-            self.odometry(self.mav, t, m, reset=k // 200)
-            self.note(t, m)
-        self.heard["injected"] = injected
 
 
 def main():
