@@ -1,6 +1,7 @@
 //! The programs under test as real processes.
 
-use crate::{PATIENCE, TestDomain};
+use crate::domain::TestDomain;
+use crate::wait::PATIENCE;
 use rustix::process::{Pid, Signal, kill_process};
 use std::ffi::{OsStr, OsString};
 use std::io::Read;
