@@ -6,14 +6,13 @@
 use crate::programs::BENCH;
 use serde_json::Value;
 use shared_types::Client;
-use shared_types::client::Stream;
 use shared_types::payload::{Estimate, Measurement, Rejection, Status, command, frame, status_bits, valid};
 use std::io::{BufRead, BufReader, Read, Write};
 use std::net::UdpSocket;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
-use testkit::{Ended, PATIENCE, Process, TestDomain};
+use testkit::{Ended, Heard, PATIENCE, Process, Recorder, TestDomain};
 
 const PEER: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/mavlink_peer.py");
 const PYMAVLINK: &str = "pymavlink==2.4.50";
@@ -43,45 +42,6 @@ fn free_port() -> u16 {
     UdpSocket::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port()
 }
 
-/// Everything that passes through shared memory, read by a thread of its own, for no more must wait than the queue holds.
-struct Recorder {
-    stop: std::sync::Arc<std::sync::atomic::AtomicBool>,
-    thread: std::thread::JoinHandle<(Vec<Measurement>, Vec<Estimate>)>,
-}
-
-impl Recorder {
-    fn start(domain: &TestDomain) -> Self {
-        let stop = std::sync::Arc::new(std::sync::atomic::AtomicBool::new(false));
-        let (ready, is_ready) = std::sync::mpsc::channel();
-        let thread = std::thread::spawn({
-            let (stop, domain) = (stop.clone(), domain.domain.clone());
-            move || {
-                let client = Client::connect(&domain, "vehicle", PATIENCE).unwrap();
-                let mut measurements: Stream<Measurement> = client.measurement_subscriber().unwrap();
-                let mut estimates: Stream<Estimate> = client.estimate_subscriber().unwrap();
-                ready.send(()).unwrap();
-                let (mut samples, mut states) = (Vec::new(), Vec::new());
-                loop {
-                    let is_last = stop.load(std::sync::atomic::Ordering::Relaxed);
-                    samples.extend(std::iter::from_fn(|| measurements.take().unwrap()));
-                    states.extend(std::iter::from_fn(|| estimates.take().unwrap()));
-                    if is_last {
-                        return (samples, states);
-                    }
-                    std::thread::sleep(Duration::from_millis(2));
-                }
-            }
-        });
-        is_ready.recv_timeout(PATIENCE).unwrap();
-        Self { stop, thread }
-    }
-
-    fn finish(self) -> (Vec<Measurement>, Vec<Estimate>) {
-        self.stop.store(true, std::sync::atomic::Ordering::Relaxed);
-        self.thread.join().unwrap()
-    }
-}
-
 /// What a flight left behind.
 struct Flight {
     peer: Value,
@@ -106,11 +66,12 @@ fn fly(python: &Path, flight: &str, n: usize, options: &[&str]) -> Flight {
     let Ended { code, out, log } = bridge.stop();
     assert_eq!(code, Some(0), "{log}");
     let status = client.command(command::STATUS, PATIENCE).unwrap().status;
-    let (samples, estimates) = recorder.finish();
+    let Heard { measurements, estimates, .. } = recorder.finish();
     drop(client);
     daemon.stop().ok();
     let bridge = serde_json::from_str(&out).unwrap();
     println!("{log}{bridge}");
+    let (samples, estimates) = (measurements.into_values().collect(), estimates.into_values().collect());
     Flight { peer, bridge, log, status, samples, estimates }
 }
 
