@@ -1,7 +1,7 @@
 //! What the command lines of all programs have in common: each ends its help in examples that it accepts itself, prints
 //! its completions, writes its man pages, and goes by the name it is installed under.
 //!
-//! A program says what is its own, as a type that derives [`Parser`], and begins with
+//! A program says what is its own, as a type that derives [`clap::Parser`], and begins with
 //!
 //! ```
 //! # use clap::Parser;
