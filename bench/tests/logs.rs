@@ -88,7 +88,7 @@ fn tuning_mends_a_bad_start_on_the_half_that_it_never_saw() {
         start,
         "--mass",
         "--evaluations",
-        "300",
+        "120",
         "--coast-s",
         "1",
         "--json",

@@ -6,14 +6,13 @@
 use crate::programs::BENCH;
 use serde_json::Value;
 use shared_types::Client;
-use shared_types::client::Stream;
 use shared_types::payload::{Estimate, Measurement, Rejection, Status, command, frame, status_bits, valid};
 use std::io::{BufRead, BufReader, Read, Write};
 use std::net::UdpSocket;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
-use testkit::{Ended, PATIENCE, Process, TestDomain};
+use testkit::{Ended, Heard, PATIENCE, Process, Recorder, TestDomain};
 
 const PEER: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/mavlink_peer.py");
 const PYMAVLINK: &str = "pymavlink==2.4.50";
@@ -47,45 +46,6 @@ fn free_port() -> u16 {
     UdpSocket::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port()
 }
 
-/// Everything that passes through shared memory, read by a thread of its own, for no more must wait than the queue holds.
-struct Recorder {
-    stop: std::sync::Arc<std::sync::atomic::AtomicBool>,
-    thread: std::thread::JoinHandle<(Vec<Measurement>, Vec<Estimate>)>,
-}
-
-impl Recorder {
-    fn start(domain: &TestDomain) -> Self {
-        let stop = std::sync::Arc::new(std::sync::atomic::AtomicBool::new(false));
-        let (ready, is_ready) = std::sync::mpsc::channel();
-        let thread = std::thread::spawn({
-            let (stop, domain) = (stop.clone(), domain.domain.clone());
-            move || {
-                let client = Client::connect(&domain, "vehicle", PATIENCE).unwrap();
-                let mut measurements: Stream<Measurement> = client.measurement_subscriber().unwrap();
-                let mut estimates: Stream<Estimate> = client.estimate_subscriber().unwrap();
-                ready.send(()).unwrap();
-                let (mut samples, mut states) = (Vec::new(), Vec::new());
-                loop {
-                    let is_last = stop.load(std::sync::atomic::Ordering::Relaxed);
-                    samples.extend(std::iter::from_fn(|| measurements.take().unwrap()));
-                    states.extend(std::iter::from_fn(|| estimates.take().unwrap()));
-                    if is_last {
-                        return (samples, states);
-                    }
-                    std::thread::sleep(Duration::from_millis(2));
-                }
-            }
-        });
-        is_ready.recv_timeout(PATIENCE).unwrap();
-        Self { stop, thread }
-    }
-
-    fn finish(self) -> (Vec<Measurement>, Vec<Estimate>) {
-        self.stop.store(true, std::sync::atomic::Ordering::Relaxed);
-        self.thread.join().unwrap()
-    }
-}
-
 /// What a flight left behind.
 struct Flight {
     peer: Value,
@@ -110,11 +70,12 @@ fn fly(python: &Path, flight: &str, n: usize, options: &[&str]) -> Flight {
     let Ended { code, out, log } = bridge.stop();
     assert_eq!(code, Some(0), "{log}");
     let status = client.command(command::STATUS, PATIENCE).unwrap().status;
-    let (samples, estimates) = recorder.finish();
+    let Heard { measurements, estimates, .. } = recorder.finish();
     drop(client);
     daemon.stop().ok();
     let bridge = serde_json::from_str(&out).unwrap();
     println!("{log}{bridge}");
+    let (samples, estimates) = (measurements.into_values().collect(), estimates.into_values().collect());
     Flight { peer, bridge, log, status, samples, estimates }
 }
 
@@ -187,16 +148,16 @@ fn summary_of(later_s: &[f64]) -> (f64, f64, f64) {
 }
 
 #[test]
-fn a_thousand_odometry_samples_go_in_and_the_estimates_come_back_as_odometry() {
+fn odometry_goes_in_and_the_estimates_come_back_as_odometry() {
     let Some(python) = python() else { return };
-    let flight = fly(&python, "odometry", 1000, &["--send", "odometry", "--send-rate-hz", "200"]);
-    assert_eq!(flight.bridge["samples_published"], 1000);
+    let flight = fly(&python, "odometry", 600, &["--send", "odometry", "--send-rate-hz", "200"]);
+    assert_eq!(flight.bridge["samples_published"], 600);
     for none in
         ["garbage_bytes", "crc_failures", "frames_lost", "unreadable", "samples_out_of_order", "clock_resets"]
     {
         assert_eq!(flight.bridge[none], 0, "{none}");
     }
-    assert_accepted(&flight.status, 1000);
+    assert_accepted(&flight.status, 600);
 
     // The vehicle answers TIMESYNC: no stamp is off by more than half of the round trip, and the clock's microsecond.
     let later_s = assert_samples(&flight, None);
@@ -279,9 +240,9 @@ fn position_and_attitude_are_joined_and_the_thrust_becomes_a_force() {
         "--own-component-id",
         "191",
     ];
-    let flight = fly(&python, "pair", 600, &options);
-    assert_eq!(flight.bridge["samples_published"], 600);
-    assert_eq!(flight.bridge["samples_with_force"], 600);
+    let flight = fly(&python, "pair", 400, &options);
+    assert_eq!(flight.bridge["samples_published"], 400);
+    assert_eq!(flight.bridge["samples_with_force"], 400);
     assert_eq!(flight.bridge["samples_out_of_order"], 0);
     assert_accepted(&flight.status, flight.peer["sent"].as_array().unwrap().len() as u64);
     let (least_s, median_s, _) = summary_of(&assert_samples(&flight, Some(39.2)));
@@ -293,39 +254,6 @@ fn position_and_attitude_are_joined_and_the_thrust_becomes_a_force() {
     assert!(flight.peer["requests"].as_array().unwrap().iter().all(|r| r[1] == 10_000.0 && r[2] == 1));
     assert!(flight.log.contains("ODOMETRY: MAV_RESULT_DENIED"), "{}", flight.log);
     assert_eq!(flight.peer["sources"], serde_json::json!([[42, 191]]));
-}
-
-#[test]
-fn garbage_half_packets_other_systems_and_a_reboot_do_no_harm() {
-    let Some(python) = python() else { return };
-    let flight = fly(&python, "hostile", 1000, &[]);
-    let injected = &flight.peer["injected"];
-    assert_eq!(flight.bridge["samples_published"], 1000);
-    for (counter, name) in [
-        ("frames_of_others", "frames_of_others"),
-        ("odometry_refused", "refused"),
-        ("messages_without_numbers", "without_numbers"),
-    ] {
-        assert!(injected[name].as_u64().unwrap() >= 100, "{injected}");
-        assert_eq!(flight.bridge[counter], injected[name], "{name}");
-    }
-    // Noise may look like a frame by chance.
-    for (counter, slack) in [("garbage_bytes", 2000), ("crc_failures", 10), ("unknown_messages", 10)] {
-        let (found, expected) =
-            (flight.bridge[counter].as_i64().unwrap(), injected[counter].as_i64().unwrap());
-        assert!(
-            expected >= 100 && (found - expected).abs() <= slack,
-            "{counter}: {found}, injected {expected}"
-        );
-    }
-    assert_eq!(flight.bridge["clock_resets"], 1);
-    assert_eq!(flight.bridge["estimate_resets"], 4);
-    assert_eq!(flight.bridge["frames_lost"], 0);
-    assert!(flight.log.contains("the vehicle's clock was set anew, to 3.0"), "{}", flight.log);
-    assert!(flight.log.contains("ODOMETRY in frame 4 with velocities in frame 12"), "{}", flight.log);
-    assert_accepted(&flight.status, flight.peer["sent"].as_array().unwrap().len() as u64);
-    let (least_s, median_s, _) = summary_of(&assert_samples(&flight, None));
-    assert!(least_s > -0.1 && median_s < 0.1);
 }
 
 #[test]

@@ -130,14 +130,14 @@ class Vehicle:
                     }
                 )
 
-    def beat(self, mav=None):
-        (mav or self.mav).heartbeat_send(mavlink.MAV_TYPE_QUADROTOR, mavlink.MAV_AUTOPILOT_PX4, 0, 0, 4)
+    def beat(self):
+        self.mav.heartbeat_send(mavlink.MAV_TYPE_QUADROTOR, mavlink.MAV_AUTOPILOT_PX4, 0, 0, 4)
 
     def odometry(self, t_s, m):
         unknown = [math.nan] + [0.0] * 20
-        motion = [*m["position"], m["quaternion"], *m["body_velocity"], *m["rates"]]
-        estimator = mavlink.MAV_ESTIMATOR_TYPE_AUTOPILOT
-        self.mav.odometry_send(int(t_s * 1e6), 1, 12, *motion, unknown, unknown, 0, estimator, 0)
+        velocities = [*m["body_velocity"], *m["rates"]]
+        fields = [int(t_s * 1e6), 1, 12, *m["position"], m["quaternion"], *velocities, unknown, unknown]
+        self.mav.odometry_send(*fields, 0, mavlink.MAV_ESTIMATOR_TYPE_AUTOPILOT, 0)
 
     def note(self, t_s, m):
         self.sent.append({"monotonic_s": t_s + self.boot_s, **m})

@@ -84,7 +84,8 @@ fn replays_to_the_bit(length_s: f64) {
     assert!(difference["tick"].as_u64().unwrap() > 400 && log.contains("differs"), "{difference} {log}");
 }
 
-/// Flips the last bit of the 500th measured velocity of a record, with the frame's checksum.
+/// Flips a bit of the 500th measured velocity of a record, with the frame's checksum: not the last bit, which may be
+/// rounded away in the estimate.
 fn with_one_bit_changed(bytes: &[u8]) -> Vec<u8> {
     let mut changed = bytes.to_vec();
     let mut place = 16;
@@ -97,7 +98,8 @@ fn with_one_bit_changed(bytes: &[u8]) -> Vec<u8> {
         {
             samples += 1;
             if samples == 500 {
-                measurement.velocity_m_s[0] = f64::from_bits(measurement.velocity_m_s[0].to_bits() ^ 1);
+                measurement.velocity_m_s[0] =
+                    f64::from_bits(measurement.velocity_m_s[0].to_bits() ^ (1 << 20));
                 let entry = flight_record::Entry::Sample { source, measurement };
                 let new = postcard::to_allocvec(&flight_record::Frame::Entry(Box::new(entry))).unwrap();
                 frame.copy_from_slice(&new);

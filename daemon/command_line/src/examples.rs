@@ -1,25 +1,11 @@
 //! The examples at the end of every help: under the program's name, and accepted by the program.
 
-use crate::command;
-use clap::builder::StyledStr;
+use crate::program::command;
 use clap::{ArgMatches, Command, Parser};
 
 const HEADING: &str = "Examples:";
 /// Lines of a help must fit into a terminal of this width.
 const COLUMNS: usize = 80;
-
-/// The command with the name that it is installed under in the examples of all of its commands.
-pub(crate) fn named(command: Command, own_name: &str, name: &str) -> Command {
-    let renamed = command.get_after_help().map(|text| {
-        let (old, new) = (format!("\n  {own_name} "), format!("\n  {name} "));
-        StyledStr::from(text.to_string().replace(&old, &new))
-    });
-    let command = match renamed {
-        Some(text) => command.after_help(text),
-        None => command,
-    };
-    command.mut_subcommands(|command| named(command, own_name, name))
-}
 
 /// What is wrong with a program's help; empty if nothing is.
 ///
@@ -105,43 +91,14 @@ fn path_of(program: &Command, matches: &ArgMatches) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use clap::{Args, Subcommand};
+    use clap::Args;
 
-    /// Tests.
-    #[derive(Debug, Parser)]
-    #[command(
-        name = "tool",
-        after_help = "Examples:\n  # Both\n  tool fly --speed 3 > log   # fast\n  tool land &"
-    )]
-    struct Good {
-        #[command(subcommand)]
-        task: Task,
-    }
-
-    #[derive(Debug, Subcommand)]
-    enum Task {
-        /// Flies.
-        #[command(after_help = "Notes:\n  a: b\n\nExamples:\n  tool fly \\\n    --speed '3'\n  kill %1")]
-        Fly {
-            /// How fast.
-            #[arg(long)]
-            speed: f64,
-        },
-        /// Lands.
-        #[command(after_help = "Examples:\n  tool land")]
-        Land,
-    }
-
-    #[test]
-    fn a_good_help_has_no_faults() {
-        assert_eq!(faults_of_help::<Good>(), Vec::<String>::new());
-    }
-
-    /// As `Good`, with this text after the help and this argument.
-    fn fault(after_help: &'static str) -> String {
+    /// A program with one option, and this text after its help.
+    fn program(after_help: &'static str) -> Command {
+        /// Tests.
         #[derive(Debug, Parser)]
-        #[command(name = "tool", about = "Tests.")]
-        struct Spoiled {
+        #[command(name = "tool")]
+        struct Tool {
             #[command(flatten)]
             speed: Speed,
         }
@@ -151,7 +108,11 @@ mod tests {
             #[arg(long)]
             speed: Option<f64>,
         }
-        let program = <Spoiled as clap::CommandFactory>::command().after_help(after_help).term_width(COLUMNS);
+        <Tool as clap::CommandFactory>::command().after_help(after_help).term_width(COLUMNS)
+    }
+
+    fn faults(mut program: Command) -> String {
+        program.build();
         let mut faults = Vec::new();
         collect(&program.clone(), &program, &mut faults);
         faults.join("\n")
@@ -159,7 +120,11 @@ mod tests {
 
     #[test]
     fn each_kind_of_fault_is_found() {
-        assert_eq!(fault("Examples:\n  tool --speed 3"), "");
+        let fault = |after_help| faults(program(after_help));
+        assert_eq!(
+            fault("Notes:\n  a: b\n\nExamples:\n  tool \\\n    --speed '3' > log   # fast\n  kill %1"),
+            ""
+        );
         assert!(fault("").contains("does not end in a section"));
         assert!(fault("Examples:\n  other 3").contains("does not end in a section"));
         assert!(fault("Examples:\n  tool --speed 3\n\nNotes").contains("does not end in a section"));
@@ -167,45 +132,12 @@ mod tests {
         assert!(fault("Examples:\n  tool --speed '3").contains("not closed"));
         let wide = "Examples:\n  tool --speed 3.000000000000000000000000000000000000000000000000000000000000000000000000";
         assert!(fault(wide).contains("wider than 80"));
-    }
-
-    #[test]
-    fn examples_of_other_commands_and_missing_texts_are_found() {
-        #[derive(Debug, Parser)]
-        #[command(name = "tool", after_help = "Examples:\n  tool land")]
-        struct Spoiled {
-            #[command(subcommand)]
-            task: Spoilt,
-        }
-        #[derive(Debug, Subcommand)]
-        enum Spoilt {
-            /// Flies.
-            #[command(after_help = "Examples:\n  tool land")]
-            Fly {
-                #[arg(long)]
-                speed: Option<f64>,
-            },
-            /// Lands.
-            #[command(after_help = "Examples:\n  tool land")]
-            Land,
-        }
-        let faults = faults_of_help::<Spoiled>().join("\n");
-        assert!(
-            faults.contains("observer-tool fly: an example of another command: observer-tool land"),
-            "{faults}"
-        );
-        assert!(
-            faults.contains("no text for --speed") && faults.contains("observer-tool: no description"),
-            "{faults}"
-        );
-    }
-
-    #[test]
-    fn the_help_goes_by_the_name_that_the_program_is_installed_as() {
-        let mut program = command::<Good>(Some("vehicle-tool"));
-        let help = program.render_help().to_string();
-        assert!(help.contains("  vehicle-tool fly --speed 3") && !help.contains(" tool"), "{help}");
-        let land = program.find_subcommand_mut("land").unwrap().render_help().to_string();
-        assert!(land.contains("  vehicle-tool land"), "{land}");
+        let no_text = program("Examples:\n  tool").about("").arg(clap::Arg::new("rate").long("rate"));
+        assert!(faults(no_text).contains("no text for --rate"));
+        // An example stands in the help of its own command.
+        let fly = Command::new("fly").about("Flies.").after_help("Examples:\n  tool land");
+        let land = Command::new("land").about("Lands.").after_help("Examples:\n  tool land");
+        let two = program("Examples:\n  tool land").disable_help_subcommand(true).subcommands([fly, land]);
+        assert_eq!(faults(two), "tool fly: an example of another command: tool land");
     }
 }

@@ -125,3 +125,71 @@ fn sections_as_they_stand(text: &str) -> Roff {
     page.control("fi", []);
     page
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::Parser;
+
+    /// Flies.
+    #[derive(Debug, Parser)]
+    #[command(name = "tool", after_help = "Examples:\n  # Fast\n  tool fly --speed 3")]
+    struct Tool {
+        #[command(subcommand)]
+        task: Task,
+    }
+
+    #[derive(Debug, Subcommand)]
+    enum Task {
+        /// Flies.
+        #[command(after_help = "Notes:\n  one\n  .two\n\nExamples:\n  # Fast\n  tool fly --speed 3")]
+        Fly {
+            /// How fast.
+            #[arg(long)]
+            speed: f64,
+        },
+    }
+
+    /// What bash offers after these words, with the program installed under this name.
+    fn offered(script: &Path, name: &str, words: &[&str]) -> Vec<String> {
+        let ask = r#"
+            source "$1"; name="$2"; shift 2
+            COMP_WORDS=("$name" "$@"); COMP_CWORD=$#; COMPREPLY=()
+            before="${COMP_WORDS[COMP_CWORD - 1]}"
+            "$(complete -p "$name" | sed 's/.*-F \([^ ]*\) .*/\1/')" "$name" "${@: -1}" "$before"
+            printf '%s\n' "${COMPREPLY[@]}"
+        "#;
+        let mut bash = std::process::Command::new("bash");
+        let output = bash.args(["-c", ask, "-"]).arg(script).arg(name).args(words).output().unwrap();
+        assert!(output.status.success() && output.stderr.is_empty(), "{output:?}");
+        String::from_utf8(output.stdout).unwrap().lines().map(str::to_owned).collect()
+    }
+
+    #[test]
+    fn bash_completes_commands_and_options_under_the_installed_name() {
+        let script = tempfile::NamedTempFile::new().unwrap();
+        for name in ["tool", "vehicle-tool"] {
+            let program = crate::program::command::<Tool>(Some(name));
+            std::fs::write(script.path(), completions(ShellName::Bash, program)).unwrap();
+            assert_eq!(offered(script.path(), name, &["f"]), ["fly"]);
+            assert_eq!(offered(script.path(), name, &["fly", "--s"]), ["--speed"]);
+            let shells = offered(script.path(), name, &["completions", ""]);
+            assert_eq!(shells.len(), 5, "-h, --help and three shells");
+        }
+    }
+
+    #[test]
+    fn man_pages_keep_the_examples_line_by_line() {
+        let directory = tempfile::tempdir().unwrap();
+        write_man_pages(crate::program::command::<Tool>(Some("vehicle-tool")), directory.path()).unwrap();
+        let pages = std::fs::read_dir(directory.path()).unwrap().map(|page| page.unwrap().file_name());
+        let mut pages: Vec<_> = pages.map(|name| name.into_string().unwrap()).collect();
+        pages.sort();
+        let needed =
+            ["-completions.1", "-fly.1", "-man-pages.1", ".1"].map(|end| format!("vehicle-tool{end}"));
+        assert_eq!(pages, needed);
+        let page = std::fs::read_to_string(directory.path().join("vehicle-tool-fly.1")).unwrap();
+        let examples = ".SH EXAMPLES\n.nf\n  # Fast\n  vehicle\\-tool fly \\-\\-speed 3\n.fi\n";
+        assert!(page.ends_with(examples) && page.contains(".SH NOTES\n.nf\n  one\n"), "{page}");
+    }
+}

@@ -1,20 +1,22 @@
 //! `monitor record` and `monitor serve` against real services, read by public readers: the Python packages of MCAP and a
-//! WebSocket client, in an environment of their own (skipped aloud where Python is missing).
+//! WebSocket client, in an environment of their own (skipped, and said so, where Python is missing).
+//!
+//! Vehicles send at 50 Hz: the queue of 64 samples then lasts for a second, so that the recorder beside the test misses none
+//! even where other tests take the processor.
 
 use crate::programs::{MONITOR, monitor, service, simulator, vehicle};
 use importers::{CsvMap, ImportOptions, Mcap, read_flight};
 use rustix::process::Signal;
 use serde::Serialize;
 use serde_json::{Value, json};
-use shared_types::client::Stream;
-use shared_types::payload::{Estimate, Measurement, Status, Truth, status_bits, valid};
-use shared_types::{Client, clock::monotonic_ns};
+use shared_types::clock::monotonic_ns;
+use shared_types::payload::{Measurement, status_bits, valid};
 use std::collections::BTreeMap;
 use std::io::{BufRead, BufReader};
 use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::time::Duration;
-use testkit::{Ended, PATIENCE, Process, TestDomain, wait_until};
+use testkit::{Ended, Heard, Process, Recorder, TestDomain, wait_until};
 
 /// The interpreter with the readers; `None`, and said so, where there is none.
 fn python(what: &str) -> Option<PathBuf> {
@@ -29,66 +31,6 @@ fn check(python: &Path, arguments: &[&str]) -> Value {
     let output = Command::new(python).arg(script).args(arguments).output().unwrap();
     assert!(output.status.success(), "{}", testkit::python::said(&output));
     serde_json::from_slice(&output.stdout).unwrap()
-}
-
-/// What our own client hears on the same services. Vehicles send at 50 Hz, so that 64 samples of a queue last for a second:
-/// where other tests take the processor, nobody misses one.
-struct Ears {
-    measurements: Stream<Measurement>,
-    estimates: Stream<Estimate>,
-    truths: Stream<Truth>,
-    statuses: Stream<Status>,
-    heard: Heard,
-    _client: Client,
-}
-
-/// By sequence.
-#[derive(Default)]
-struct Heard {
-    measurements: BTreeMap<u64, Measurement>,
-    estimates: BTreeMap<u64, Estimate>,
-    truths: BTreeMap<u64, Truth>,
-    statuses: BTreeMap<u64, Status>,
-}
-
-impl Ears {
-    fn of(domain: &TestDomain) -> Self {
-        let client = Client::connect(&domain.domain, "vehicle", PATIENCE).unwrap();
-        Self {
-            measurements: client.measurement_subscriber().unwrap(),
-            estimates: client.estimate_subscriber().unwrap(),
-            truths: client.truth_subscriber().unwrap(),
-            statuses: client.status_subscriber().unwrap(),
-            heard: Heard::default(),
-            _client: client,
-        }
-    }
-
-    /// Listens until then.
-    fn listen(&mut self, mut until: impl FnMut() -> bool) {
-        let deadline_ns = monotonic_ns() + PATIENCE.as_nanos() as u64;
-        while !until() {
-            assert!(monotonic_ns() < deadline_ns, "listened for {:?}", PATIENCE);
-            while let Some(sample) = self.measurements.take().unwrap() {
-                self.heard.measurements.insert(sample.sequence, sample);
-            }
-            while let Some(estimate) = self.estimates.take().unwrap() {
-                self.heard.estimates.insert(estimate.sequence, estimate);
-            }
-            while let Some(truth) = self.truths.take().unwrap() {
-                self.heard.truths.insert(truth.sequence, truth);
-            }
-            while let Some(status) = self.statuses.take().unwrap() {
-                self.heard.statuses.insert(status.sequence, status);
-            }
-            std::thread::sleep(Duration::from_millis(2));
-        }
-    }
-
-    fn listen_for(&mut self, length: Duration) {
-        let end_ns = monotonic_ns() + length.as_nanos() as u64;
-        self.listen(|| monotonic_ns() >= end_ns);
-    }
 }
 
 /// Fails unless the message, whose doubles are their bits, has every field of the payload with the same bits.
@@ -206,14 +148,14 @@ fn a_public_reader_finds_in_a_recording_what_was_published() {
     let file = directory.path().join("flight.mcap");
     let daemon = service(&domain, "--preset rigid-body");
     wait_until("the service", || domain.status().counters.ticks > 0);
-    let mut ears = Ears::of(&domain);
+    let ears = Recorder::start(&domain);
     let recording = recorder(&domain, &file, &[]);
     let mut flight = vehicle(&domain, "--rate-hz 50 --duration 4 --dropout-probability 0.05");
-    ears.listen(|| flight.has_ended());
-    ears.listen_for(Duration::from_millis(600));
+    wait_until("the flight's end", || flight.has_ended());
+    std::thread::sleep(Duration::from_millis(600));
     let summary = summary(recording);
-    ears.listen_for(Duration::from_millis(100));
-    let Heard { measurements, estimates, truths, statuses } = &std::mem::take(&mut ears.heard);
+    std::thread::sleep(Duration::from_millis(100));
+    let Heard { measurements, estimates, truths, statuses } = &ears.finish();
 
     // Samples that the vehicle lost on purpose are gaps; nothing else is missing.
     let (first, last) = (*measurements.keys().next().unwrap(), *measurements.keys().last().unwrap());
@@ -242,10 +184,11 @@ fn a_public_reader_finds_in_a_recording_what_was_published() {
     );
 
     // Played again, the service gets the same.
+    let ears = Recorder::start(&domain);
     let mut replay = simulator(&domain, &format!("replay {}", file.display()));
-    ears.listen(|| replay.has_ended());
-    ears.listen_for(Duration::from_millis(100));
-    assert_same_bits(&from_the_first(&ears.heard.measurements), &flight.samples);
+    wait_until("the replay's end", || replay.has_ended());
+    std::thread::sleep(Duration::from_millis(100));
+    assert_same_bits(&from_the_first(&ears.finish().measurements), &flight.samples);
     daemon.stop().ok();
 
     let Some(python) = python("the public reader of recordings") else { return };
@@ -315,21 +258,21 @@ fn a_recording_goes_on_across_a_killed_service_and_is_whole_without_its_end() {
     let file = directory.path().join("flight.mcap");
     let daemon = service(&domain, "--preset rigid-body");
     wait_until("the service", || domain.status().counters.ticks > 0);
-    let mut ears = Ears::of(&domain);
+    let ears = Recorder::start(&domain);
     let recording = recorder(&domain, &file, &["--compression", "none"]);
     let flight = vehicle(&domain, "--rate-hz 50");
-    ears.listen_for(Duration::from_millis(700));
+    std::thread::sleep(Duration::from_millis(700));
     daemon.kill();
     let _service = service(&domain, "--preset rigid-body");
-    let n_before = ears.heard.measurements.len();
-    ears.listen(|| domain.status().counters.ticks > 20);
-    ears.listen_for(Duration::from_millis(1500));
+    wait_until("the new service", || domain.status().counters.ticks > 20);
+    let restarted_ns = monotonic_ns();
+    std::thread::sleep(Duration::from_millis(1500));
     let killed_ns = monotonic_ns();
     recording.kill();
-    ears.listen_for(Duration::from_millis(100));
+    std::thread::sleep(Duration::from_millis(100));
     drop(flight);
-    let heard = &ears.heard.measurements;
-    assert!(heard.len() > n_before, "no samples after the restart");
+    let heard = &ears.finish().measurements;
+    assert!(heard.values().any(|sample| sample.stamp_ns > restarted_ns), "no samples after the restart");
 
     // Nearly all is there: what was sent up to a second before the kill.
     let flight = read_flight(&Mcap, &file, &ImportOptions::default()).unwrap();
@@ -352,7 +295,7 @@ fn a_websocket_client_receives_the_live_stream() {
     let Some(python) = python("the WebSocket client") else { return };
     let daemon = service(&domain, "--preset rigid-body");
     wait_until("the service", || domain.status().counters.ticks > 0);
-    let mut ears = Ears::of(&domain);
+    let ears = Recorder::start(&domain);
     let flight = vehicle(&domain, "--rate-hz 50");
     let mut server = MONITOR.start(&domain, &["serve", "--listen", "127.0.0.1:0"]);
     let mut url = String::new();
@@ -360,8 +303,8 @@ fn a_websocket_client_receives_the_live_stream() {
     let address = url.trim().to_owned();
     assert!(address.starts_with("ws://127.0.0.1:"), "{address}");
     let client = std::thread::spawn(move || check(&python, &["stream", &address, "6"]));
-    ears.listen(|| client.is_finished());
-    ears.listen_for(Duration::from_millis(100));
+    wait_until("the client's end", || client.is_finished());
+    std::thread::sleep(Duration::from_millis(100));
     let found = client.join().unwrap();
     drop(flight);
     server.stop().ok();
@@ -372,7 +315,7 @@ fn a_websocket_client_receives_the_live_stream() {
     // Nothing can be written through it.
     assert_eq!(found["server"]["capabilities"], json!([]), "{}", found["server"]);
     let topics = &found["topics"];
-    let heard = &ears.heard;
+    let heard = &ears.finish();
     assert_heard(messages(topics, "/vehicle/measurement"), &heard.measurements);
     assert_heard(messages(topics, "/vehicle/truth"), &heard.truths);
     assert_heard(messages(topics, "/vehicle/estimate"), &heard.estimates);

@@ -1,6 +1,6 @@
 //! A shared-memory domain for one test.
 
-use crate::PATIENCE;
+use crate::wait::PATIENCE;
 use shared_types::payload::{Status, command};
 use shared_types::{Client, Domain};
 use std::path::{Path, PathBuf};

@@ -1,6 +1,7 @@
 //! The programs under test as real processes.
 
-use crate::{PATIENCE, TestDomain};
+use crate::domain::TestDomain;
+use crate::wait::PATIENCE;
 use rustix::process::{Pid, Signal, kill_process};
 use std::ffi::{OsStr, OsString};
 use std::io::Read;
@@ -74,6 +75,9 @@ impl Program {
     }
 }
 
+/// A program's `main`, which takes its arguments, the program's name first.
+pub type Main = fn(Vec<OsString>) -> ExitCode;
+
 /// Plays a role, if this process was started as one, and ends it; returns in a test run.
 ///
 /// A test crate with a [`Program::played`] has this test at its top:
@@ -84,7 +88,7 @@ impl Program {
 ///     testkit::play_role(&[("daemon", |arguments| daemon::cli::main_with_args(arguments))]);
 /// }
 /// ```
-pub fn play_role(programs: &[(&str, fn(Vec<OsString>) -> ExitCode)]) {
+pub fn play_role(programs: &[(&str, Main)]) {
     let Ok(role) = std::env::var(ROLE) else { return };
     let arguments: Vec<OsString> = role.split(SEPARATOR).map(OsString::from).collect();
     let (_, main) = programs.iter().find(|(name, _)| arguments[0] == *name).expect("a program of this name");

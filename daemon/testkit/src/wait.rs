@@ -1,0 +1,25 @@
+//! Waiting for what must happen, and saying that a test was skipped.
+
+use std::io::Write as _;
+use std::time::{Duration, Instant};
+
+/// How long a test waits for what must happen before it fails. Generous: a busy machine is no failure.
+pub const PATIENCE: Duration = Duration::from_secs(30);
+
+/// Waits until `test` is true.
+///
+/// # Panics
+/// After [`PATIENCE`], with what was waited for.
+#[track_caller]
+pub fn wait_until(what: &str, mut test: impl FnMut() -> bool) {
+    let deadline = Instant::now() + PATIENCE;
+    while !test() {
+        assert!(Instant::now() < deadline, "waited {PATIENCE:?} for: {what}");
+        std::thread::sleep(Duration::from_millis(2));
+    }
+}
+
+/// Says that a test was skipped, and why: past the harness, which swallows what a passed test prints.
+pub fn skip(what: &str, reason: &str) {
+    let _ = writeln!(std::io::stderr(), "skipped: {what}: {reason}");
+}
