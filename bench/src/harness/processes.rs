@@ -1,4 +1,4 @@
-//! Processes of a measurement and their domain: both are gone when it ends, however it ends.
+//! Processes of a measurement and their domain. Both are removed when the measurement ends, also after an error.
 
 use anyhow::{Context, bail};
 use daemon::config::PRESETS;
@@ -34,8 +34,8 @@ pub(crate) struct OwnDomain {
 }
 
 impl OwnDomain {
-    /// A domain whose files in /dev/shm begin with `bench` and this process's id: what a killed one leaves there
-    /// tells whose it was. Not longer: root path and segments' prefix have 60 bytes together ([`Domain::at`]).
+    /// A domain whose files in /dev/shm begin with `bench` and this process's id, so that leftovers of a killed process
+    /// can be told. The prefix is short: root path and segments' prefix have 60 bytes together ([`Domain::at`]).
     pub(crate) fn new() -> anyhow::Result<Self> {
         let prefix = format!("bench{}-", std::process::id());
         let root = tempfile::Builder::new().prefix(&prefix).tempdir_in("/dev/shm");
@@ -50,7 +50,7 @@ impl OwnDomain {
 
 impl Drop for OwnDomain {
     fn drop(&mut self) {
-        // Whatever is left after this is the temporary directory's to remove.
+        // The temporary directory removes what is left after this.
         let _ = self.domain.remove();
     }
 }
