@@ -8,7 +8,9 @@ use shared_types::{Client, Domain};
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 use std::fs::{self, File};
 use std::io::{Read, Seek, Write};
+use std::os::unix::fs::MetadataExt;
 use std::os::unix::process::CommandExt;
+use std::path::Path;
 use std::process::{Command, Stdio};
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
@@ -45,6 +47,20 @@ impl OwnDomain {
 
     pub(crate) fn domain(&self) -> &Domain {
         &self.domain
+    }
+
+    /// Memory that its segments and files take.
+    pub(crate) fn shm_bytes(&self) -> anyhow::Result<u64> {
+        fn below(path: &Path) -> u64 {
+            let entries = fs::read_dir(path).into_iter().flatten().flatten().map(|entry| entry.path());
+            entries.map(|path| if path.is_dir() { below(&path) } else { bytes(&path) }).sum()
+        }
+        // Blocks, not length: an untouched page takes no memory.
+        fn bytes(path: &Path) -> u64 {
+            fs::symlink_metadata(path).map_or(0, |metadata| 512 * metadata.blocks())
+        }
+        let segments = self.domain.segments()?;
+        Ok(segments.iter().map(|path| bytes(path)).sum::<u64>() + below(self.domain.root()))
     }
 }
 
