@@ -69,7 +69,7 @@ Examples:
   bench load
   bench load --instances 1,2 --readers 1,16 --json")]
     Load(load::LoadArguments),
-    /// A long run beside processes that want all of the machine: what is lost is counted, and memory does not grow.
+    /// A long run beside processes that load all cores: losses are counted, and growing memory is a failure.
     #[command(after_help = "\
 Examples:
   bench soak --seconds 60
@@ -105,8 +105,9 @@ Examples:
 
 /// Runs `bench` with these arguments, the program's name first.
 ///
-/// With `daemon` or `sim_publisher` as the first argument it is that program: so `bench demo` has both sides
-/// as processes of their own, whatever else is installed. With `echo` it is the other side of `bench ipc`, with `burn` the load of `bench soak`. Such a process ends with the one that started it.
+/// With `daemon` or `sim_publisher` as the first argument it is that program. So `bench demo` has both sides as processes
+/// of the same build. With `echo` it is the other side of `bench ipc`, with `burn` the load of `bench soak`. Such a process
+/// ends with the one that started it.
 pub fn main_with_args(args: impl IntoIterator<Item = OsString>) -> ExitCode {
     let args: Vec<OsString> = args.into_iter().collect();
     let role = args.get(1).and_then(|role| role.to_str());

@@ -359,7 +359,7 @@ mod tests {
         }
     }
 
-    /// Not the times, which are the machine's affair.
+    /// The times depend on the machine; the test looks at which figures there are.
     #[test]
     fn a_slice_waits_as_often_as_it_was_told() {
         let core = real_time::allowed_cores()[0];

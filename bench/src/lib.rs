@@ -1,5 +1,5 @@
-//! Measurement of the observer and of the service around it. Every figure that the project states comes
-//! from one of these commands.
+//! Measurement of the observer and of the service around it. The figures in the project's documents come from these
+//! commands; where a command is gone, the document names the commit that had it.
 //!
 //! | room | command | measures |
 //! |---|---|---|

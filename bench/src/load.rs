@@ -5,7 +5,7 @@
 //! | readers | subscribers of one instance's estimates, each served at every tick | the tick, a sample's stamp to its estimate, shared memory |
 //! | instances | vehicles: a service and a publisher each, as processes of their own, in one domain | the tick, processor time per tick, private and shared memory |
 
-use crate::harness::exchange::{MovingVehicle, ServiceExchange, connect, send_at_rate};
+use crate::harness::exchange::drive_service;
 use crate::harness::latency::{cells, summary};
 use crate::harness::machine::Machine;
 use crate::harness::options::parse_seconds;
@@ -13,15 +13,12 @@ use crate::harness::output::{
     microseconds, progress_bar, say_if_stopped, show, table, three_digits, warn_of_debug_build,
 };
 use crate::harness::processes::{Child, OwnDomain, PATIENCE, ServiceSettings, stop_flag};
-use anyhow::{Context, ensure};
+use anyhow::ensure;
 use clap::builder::RangedU64ValueParser;
 use serde::Serialize;
 use shared_types::payload::{Status, command};
 use shared_types::service::MAX_READERS;
 use shared_types::{Client, LatencySummary, outln};
-use std::fs;
-use std::os::unix::fs::MetadataExt;
-use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
@@ -91,37 +88,20 @@ fn status(client: &Client) -> anyhow::Result<Status> {
     Ok(client.command(command::STATUS, PATIENCE)?.status)
 }
 
-/// One polling service with this many readers, all in this process. The first polls; the others look after it has its
-/// estimate.
+/// One polling service with this many readers.
 fn with_readers(
     n_readers: u64,
     seconds: f64,
     machine: &Machine,
     stop: &AtomicBool,
 ) -> anyhow::Result<ReadersRow> {
-    let domain = OwnDomain::new()?;
     let core = machine.other_core()?;
-    let service = Child::start_service(&domain, "vehicle", &settings("sample"), &[core])?;
-    let client = service.connect(&domain, "vehicle")?;
-    let mut exchange = ServiceExchange::of(&client)?;
-    let others = (1..n_readers).map(|_| client.estimate_subscriber());
-    let mut others = others.collect::<Result<Vec<_>, _>>()?;
-    let mut vehicle = MovingVehicle::default();
-    connect(&mut exchange, &mut vehicle).or_else(|error| Err(error).with_context(|| service.log()))?;
-    let look = || {
-        for reader in &mut others {
-            while let Ok(Some(_)) = reader.take() {}
-        }
-    };
-    let mut seen = send_at_rate(&mut exchange, &mut vehicle, RATE_HZ, seconds, look, stop)?;
-    let (status, shm_bytes) = (status(&client)?, shm_bytes(&domain)?);
-    drop((others, exchange, client));
-    service.stop()?;
+    let mut seen = drive_service(&settings("sample"), core, n_readers, seconds, stop)?;
     Ok(ReadersRow {
         readers: n_readers,
-        step_ns: status.step_ns,
+        step_ns: seen.status.step_ns,
         source_to_estimate_ns: summary(&mut seen.source_to_estimate_ns),
-        shm_bytes,
+        shm_bytes: seen.shm_bytes,
     })
 }
 
@@ -168,7 +148,7 @@ fn with_instances(
         wake_up_lateness_ns: slowest(|status| status.wake_up_lateness_ns),
         service_cpu_ns_per_tick: rise(|used| used.service_ns) / ticks.max(1),
         service_private_kb: sum(|used| used.private_kb) / n_instances,
-        shm_bytes: shm_bytes(&domain)?,
+        shm_bytes: domain.shm_bytes()?,
     };
     for Vehicle { client, publisher, service } in vehicles {
         drop(client);
@@ -209,20 +189,6 @@ impl Vehicle {
             private_kb: self.service.private_kb()?,
         })
     }
-}
-
-/// Memory that the domain's segments and files take.
-fn shm_bytes(domain: &OwnDomain) -> anyhow::Result<u64> {
-    fn below(path: &Path) -> u64 {
-        let entries = fs::read_dir(path).into_iter().flatten().flatten().map(|entry| entry.path());
-        entries.map(|path| if path.is_dir() { below(&path) } else { bytes(&path) }).sum()
-    }
-    // Blocks, not length: an untouched page takes no memory.
-    fn bytes(path: &Path) -> u64 {
-        fs::symlink_metadata(path).map_or(0, |metadata| 512 * metadata.blocks())
-    }
-    let segments = domain.domain().segments()?;
-    Ok(segments.iter().map(|path| bytes(path)).sum::<u64>() + below(domain.domain().root()))
 }
 
 #[derive(Debug, Serialize)]

@@ -4,20 +4,18 @@
 //! samples come at the service's rate but for one period over the whole run: where a timer decides when
 //! the service looks, each distance between its tick and the sample is met as often as any other.
 
-use crate::harness::exchange::{MovingVehicle, Seen, ServiceExchange, connect, send_at_rate};
+use crate::harness::exchange::{Seen, drive_service};
 use crate::harness::latency::{HEADER, cells, summary};
 use crate::harness::machine::Machine;
 use crate::harness::options::{parse_rate_hz, parse_seconds};
 use crate::harness::output::{progress_bar, say_if_stopped, show, table, warn_of_debug_build};
-use crate::harness::processes::{Child, OwnDomain, ServiceSettings, stop_flag};
+use crate::harness::processes::{ServiceSettings, stop_flag};
 use crate::plot::{self, Figure, Line, LineStyle, Panel};
-use anyhow::Context;
 use clap::ValueEnum;
 use daemon::config::PRESETS;
 use serde::Serialize;
 use shared_types::{LatencySummary, outln};
 use std::path::{Path, PathBuf};
-use std::sync::atomic::AtomicBool;
 use std::time::Duration;
 
 /// When the service looks for samples.
@@ -109,7 +107,7 @@ pub(crate) fn run(arguments: &ServiceArguments) -> anyhow::Result<()> {
         for &trigger in &arguments.triggers {
             progress.set_message(format!("{} {rate_hz} Hz", trigger.name()));
             let settings = trigger.settings(&arguments.preset, rate_hz, arguments.spin_us);
-            let seen = one_service(&settings, seconds, core, &stop)?;
+            let seen = drive_service(&settings, core, 1, seconds, &stop)?;
             rows.push(Row::of(trigger, rate_hz, seen));
             progress.inc(1);
         }
@@ -128,25 +126,6 @@ pub(crate) fn run(arguments: &ServiceArguments) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// Runs one service in a domain of its own.
-fn one_service(
-    settings: &ServiceSettings<'_>,
-    seconds: f64,
-    core: usize,
-    stop: &AtomicBool,
-) -> anyhow::Result<Seen> {
-    let domain = OwnDomain::new()?;
-    let service = Child::start_service(&domain, "vehicle", settings, &[core])?;
-    let client = service.connect(&domain, "vehicle")?;
-    let mut exchange = ServiceExchange::of(&client)?;
-    let mut vehicle = MovingVehicle::default();
-    connect(&mut exchange, &mut vehicle).or_else(|error| Err(error).with_context(|| service.log()))?;
-    let seen = send_at_rate(&mut exchange, &mut vehicle, settings.rate_hz, seconds, || {}, stop)?;
-    drop((exchange, client));
-    service.stop()?;
-    Ok(seen)
-}
-
 /// One trigger at one rate.
 #[derive(Debug, Serialize)]
 struct Row {
@@ -163,7 +142,7 @@ struct Row {
 
 impl Row {
     fn of(trigger: TriggerMode, rate_hz: f64, seen: Seen) -> Self {
-        let Seen { mut source_to_estimate_ns, unanswered, skipped } = seen;
+        let Seen { mut source_to_estimate_ns, unanswered, skipped, .. } = seen;
         let found = summary(&mut source_to_estimate_ns);
         Self {
             trigger,

@@ -10,7 +10,8 @@ use daemon::engine::Engine;
 use serde_json::Value;
 use shared_types::payload::Counters;
 use shared_types::payload::Rejection;
-use sim_publisher::faults::{Delivery, Faults, Faulty, read_faults};
+use sim_publisher::delivery::Delivery;
+use sim_publisher::faults::{Faults, Faulty, read_faults};
 use sim_publisher::{Scenario, Simulation, SimulationOptions};
 use std::collections::BTreeMap;
 

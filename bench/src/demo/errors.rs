@@ -18,7 +18,7 @@ pub(super) struct Run {
 }
 
 impl Run {
-    /// Keeps the estimates that have a sample in them and a truth around them.
+    /// Keeps the estimates that hold a sample and lie between two true states.
     pub(super) fn new(
         truths: Vec<Truth>,
         measurements: Vec<Measurement>,

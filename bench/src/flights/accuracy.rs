@@ -303,7 +303,7 @@ mod tests {
         let gravity = Vector3::new(0.0, 0.0, 2.2 * 9.81);
         let theirs = evaluate(&flight, KalmanEstimator::new(filter, gravity)).unwrap();
         assert_eq!(ours.coasts.len(), 10);
-        // A held velocity lags by half a sample; the dead zone hides that, and it is no force.
+        // A held velocity lags by half a sample. The dead zone hides that, so it is not learned as a force.
         assert!(ours.coast_rms_m_s < 0.01, "{}", ours.coast_rms_m_s);
         assert!(theirs.coast_rms_m_s < 1e-9 && theirs.one_step_rms_m_s < 1e-9, "{}", theirs.coast_rms_m_s);
     }

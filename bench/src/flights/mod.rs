@@ -5,4 +5,5 @@ mod accuracy;
 mod arguments;
 mod check;
 pub(crate) mod replay;
+mod search;
 pub(crate) mod tune;

@@ -3,7 +3,7 @@
 //! On the same samples, over the second half of the time in the air: the error of the next sample's
 //! prediction, and the error after a coast of `--coast-s` with the recorded commands, started every 0.25 s; and
 //! the same coasts over the whole flight but its first 2 s, learning as it goes. The Kalman filter's q is
-//! swept, and each of its columns shows the best of all q: in its favour.
+//! swept, and each of its columns shows the best of all q, which favours the filter.
 
 use super::accuracy::{
     Accuracy, COAST_EVERY_S, Flight, LEARN_IN_S, ObserverEstimator, best, evaluate, evaluate_kalman,
@@ -175,7 +175,7 @@ fn draw(file: &std::path::Path, flight: &Flight, ours: &Accuracy, kalman: &Accur
                     Some((seconds(flight.samples[index].stamp_ns), flight.velocity(index)?[axis]))
                 })
                 .collect();
-            // So many that they do not overlap; a break between two.
+            // Only coasts that do not overlap, with a break between two.
             let every = (flight.coast_s / COAST_EVERY_S).ceil() as usize;
             let coasts = |accuracy: &Accuracy| {
                 let paths = accuracy.coasts.iter().step_by(every);

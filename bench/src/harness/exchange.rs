@@ -1,10 +1,11 @@
 //! The vehicle's side of a measured exchange: a sample goes out, the estimate that holds it comes back.
 
-use anyhow::bail;
+use super::processes::{Child, OwnDomain, PATIENCE, ServiceSettings};
+use anyhow::{Context, bail};
 use daemon::deadline::wait_for_deadline;
 use shared_types::client::{MeasurementPublisher, Stream};
 use shared_types::clock::monotonic_ns;
-use shared_types::payload::Estimate;
+use shared_types::payload::{Estimate, Status, command};
 use shared_types::{Client, Measurement};
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -138,7 +139,7 @@ pub(crate) fn connect(exchange: &mut impl Exchange, vehicle: &mut MovingVehicle)
     )
 }
 
-/// What came back.
+/// What came back of a service.
 #[derive(Debug, Default)]
 pub(crate) struct Seen {
     /// Sample's stamp to the estimate's arrival (ns).
@@ -147,13 +148,47 @@ pub(crate) struct Seen {
     pub(crate) unanswered: u64,
     /// Samples that were due while the estimate before was still awaited, and not sent.
     pub(crate) skipped: u64,
+    /// The service's own counts at the end.
+    pub(crate) status: Status,
+    /// Memory that all ports take.
+    pub(crate) shm_bytes: u64,
 }
 
 /// The publisher of the samples polls the clock for this long before each.
 const VEHICLE_SPIN_NS: u64 = 200_000;
 
-/// Sends samples at a rate and polls for the estimate of each; `between` is done after each.
-pub(crate) fn send_at_rate(
+/// Runs one service on that core in a domain of its own, sends it samples at its rate, and polls for their estimates.
+/// Further readers, up to `n_readers` in all, look after each estimate.
+pub(crate) fn drive_service(
+    settings: &ServiceSettings<'_>,
+    core: usize,
+    n_readers: u64,
+    seconds: f64,
+    stop: &AtomicBool,
+) -> anyhow::Result<Seen> {
+    let domain = OwnDomain::new()?;
+    let service = Child::start_service(&domain, "vehicle", settings, &[core])?;
+    let client = service.connect(&domain, "vehicle")?;
+    let mut exchange = ServiceExchange::of(&client)?;
+    let others = (1..n_readers).map(|_| client.estimate_subscriber());
+    let mut others = others.collect::<Result<Vec<_>, _>>()?;
+    let mut vehicle = MovingVehicle::default();
+    connect(&mut exchange, &mut vehicle).or_else(|error| Err(error).with_context(|| service.log()))?;
+    let look = || {
+        for reader in &mut others {
+            while let Ok(Some(_)) = reader.take() {}
+        }
+    };
+    let mut seen = send_at_rate(&mut exchange, &mut vehicle, settings.rate_hz, seconds, look, stop)?;
+    seen.status = client.command(command::STATUS, PATIENCE)?.status;
+    seen.shm_bytes = domain.shm_bytes()?;
+    drop((others, exchange, client));
+    service.stop()?;
+    Ok(seen)
+}
+
+/// Sends samples at a rate and polls for the estimate of each; `between` is called after each.
+fn send_at_rate(
     exchange: &mut ServiceExchange,
     vehicle: &mut MovingVehicle,
     rate_hz: f64,

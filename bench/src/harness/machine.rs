@@ -1,4 +1,4 @@
-//! The machine a measurement ran on, and the core it was pinned to: what its figures depend on.
+//! The machine that a measurement ran on, and the core that it was pinned to.
 
 use anyhow::Context;
 use daemon::system::{machine, real_time};

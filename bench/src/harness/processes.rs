@@ -1,4 +1,4 @@
-//! Processes of a measurement and their domain: both are gone when it ends, however it ends.
+//! Processes of a measurement and their domain. Both are removed when the measurement ends, also after an error.
 
 use anyhow::{Context, bail};
 use daemon::config::PRESETS;
@@ -8,7 +8,9 @@ use shared_types::{Client, Domain};
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 use std::fs::{self, File};
 use std::io::{Read, Seek, Write};
+use std::os::unix::fs::MetadataExt;
 use std::os::unix::process::CommandExt;
+use std::path::Path;
 use std::process::{Command, Stdio};
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
@@ -34,8 +36,8 @@ pub(crate) struct OwnDomain {
 }
 
 impl OwnDomain {
-    /// A domain whose files in /dev/shm begin with `bench` and this process's id: what a killed one leaves there
-    /// tells whose it was. Not longer: root path and segments' prefix have 60 bytes together ([`Domain::at`]).
+    /// A domain whose files in /dev/shm begin with `bench` and this process's id, so that leftovers of a killed process
+    /// can be told. The prefix is short: root path and segments' prefix have 60 bytes together ([`Domain::at`]).
     pub(crate) fn new() -> anyhow::Result<Self> {
         let prefix = format!("bench{}-", std::process::id());
         let root = tempfile::Builder::new().prefix(&prefix).tempdir_in("/dev/shm");
@@ -46,11 +48,25 @@ impl OwnDomain {
     pub(crate) fn domain(&self) -> &Domain {
         &self.domain
     }
+
+    /// Memory that its segments and files take.
+    pub(crate) fn shm_bytes(&self) -> anyhow::Result<u64> {
+        fn below(path: &Path) -> u64 {
+            let entries = fs::read_dir(path).into_iter().flatten().flatten().map(|entry| entry.path());
+            entries.map(|path| if path.is_dir() { below(&path) } else { bytes(&path) }).sum()
+        }
+        // Blocks, not length: an untouched page takes no memory.
+        fn bytes(path: &Path) -> u64 {
+            fs::symlink_metadata(path).map_or(0, |metadata| 512 * metadata.blocks())
+        }
+        let segments = self.domain.segments()?;
+        Ok(segments.iter().map(|path| bytes(path)).sum::<u64>() + below(self.domain.root()))
+    }
 }
 
 impl Drop for OwnDomain {
     fn drop(&mut self) {
-        // Whatever is left after this is the temporary directory's to remove.
+        // The temporary directory removes what is left after this.
         let _ = self.domain.remove();
     }
 }

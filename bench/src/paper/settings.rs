@@ -11,57 +11,6 @@ use std::path::PathBuf;
 /// A run keeps all of its rows: half a gigabyte of them.
 const MAX_SAMPLES: f64 = 2e6;
 
-/// Arguments of `bench paper`.
-#[derive(Debug, Clone, Args)]
-pub struct PaperArguments {
-    /// Which example.
-    #[arg(long, value_enum)]
-    scenario: Example,
-    /// Where table and figures go; made if it is missing.
-    #[arg(long, value_name = "DIR", default_value = "paper")]
-    pub(super) out: PathBuf,
-    /// Print one JSON document instead of the summary.
-    #[arg(long)]
-    pub(super) json: bool,
-    /// Shape of the dead zone σ.
-    #[arg(long, value_enum, default_value_t = Shape::Quadratic)]
-    dead_zone: Shape,
-    /// Width d of the dead zone (m/s for translation, rad/s for rotation); a wide one, 1e9 say, learns nothing
-    /// [default: 0.01 for translation, 0.1 for rotation].
-    #[arg(long, value_name = "D", value_parser = not_negative, allow_negative_numbers = true)]
-    width: Option<f64>,
-    /// Buffer ε of the dead zone (m/s for translation, rad/s for rotation).
-    #[arg(long, value_name = "EPSILON", value_parser = positive, default_value = "0.01", allow_negative_numbers = true)]
-    buffer: f64,
-    /// Adaptation rate Γ_f (kg/s² for translation, N·m for rotation).
-    #[arg(long, value_name = "GAMMA", value_parser = positive, default_value = "1", allow_negative_numbers = true)]
-    adaptation_rate: f64,
-    /// Order k of the Sobolev–Matérn kernel, from 2 (no unit).
-    #[arg(long, value_name = "K", default_value_t = 3)]
-    kernel_order: usize,
-    /// Length scale ℓ of the kernel (m/s for translation, rad/s for rotation).
-    #[arg(long, value_name = "L", value_parser = positive, default_value = "1", allow_negative_numbers = true)]
-    length_scale: f64,
-    /// Gain λ of the output error (1/s).
-    #[arg(long, value_name = "LAMBDA", value_parser = positive, default_value = "10", allow_negative_numbers = true)]
-    gain: f64,
-    /// Where the estimate starts; the position or the attitude is the true one in any case.
-    #[arg(long, value_enum, default_value_t = Initial::Reference)]
-    initial: Initial,
-    /// Rate of samples (Hz).
-    #[arg(long, value_name = "HZ", value_parser = positive, default_value = "200", allow_negative_numbers = true)]
-    rate_hz: f64,
-    /// Length of the run (s) [default: 60 for translation, 100 for rotation].
-    #[arg(long, value_name = "S", value_parser = positive, allow_negative_numbers = true)]
-    duration: Option<f64>,
-    /// Order of learning and predicting within a step.
-    #[arg(long, value_enum, default_value_t = Scheme::UpdateFirst)]
-    scheme: Scheme,
-    /// Which velocity the plant's unknown force is a function of.
-    #[arg(long, value_enum, default_value_t = FeltAt::True)]
-    f_at: FeltAt,
-}
-
 fn number(text: &str, accepted: fn(f64) -> bool, needed: &str) -> Result<f64, String> {
     match text.trim().parse() {
         Ok(value) if f64::is_finite(value) && accepted(value) => Ok(value),
@@ -149,34 +98,78 @@ pub enum FeltAt {
 }
 
 /// Every number of a run.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Args)]
 pub struct Settings {
-    /// Plant, reference, measurement error and centers.
+    /// Which example: plant, reference, measurement error and centers.
+    #[arg(id = "scenario", long, value_name = "SCENARIO", value_enum)]
     pub example: Example,
-    /// Shape of σ.
+    /// Shape of the dead zone σ.
+    #[arg(long, value_enum, default_value_t = Shape::Quadratic)]
     pub dead_zone: Shape,
-    /// d ≥ 0 (m/s; rad/s).
+    /// Width d ≥ 0 of the dead zone (m/s for translation, rad/s for rotation); a wide one, 1e9 say, learns nothing
+    /// [default: 0.01 for translation, 0.1 for rotation].
+    #[arg(
+        long,
+        value_name = "D",
+        value_parser = not_negative,
+        default_value = "0.01",
+        default_value_if("scenario", "rotation", "0.1"),
+        hide_default_value = true,
+        allow_negative_numbers = true
+    )]
     pub width: f64,
-    /// ε > 0 (m/s; rad/s).
+    /// Buffer ε of the dead zone (m/s for translation, rad/s for rotation).
+    #[arg(long, value_name = "EPSILON", value_parser = positive, default_value = "0.01", allow_negative_numbers = true)]
     pub buffer: f64,
-    /// Γ_f > 0 (kg/s²; N·m).
+    /// Adaptation rate Γ_f (kg/s² for translation, N·m for rotation).
+    #[arg(long, value_name = "GAMMA", value_parser = positive, default_value = "1", allow_negative_numbers = true)]
     pub adaptation_rate: f64,
-    /// k ≥ 2.
+    /// Order k of the Sobolev–Matérn kernel, from 2 (no unit).
+    #[arg(long, value_name = "K", default_value_t = 3)]
     pub kernel_order: usize,
-    /// ℓ > 0 (m/s; rad/s).
+    /// Length scale ℓ of the kernel (m/s for translation, rad/s for rotation).
+    #[arg(long, value_name = "L", value_parser = positive, default_value = "1", allow_negative_numbers = true)]
     pub length_scale: f64,
-    /// λ > 0 (1/s).
+    /// Gain λ of the output error (1/s).
+    #[arg(long = "gain", value_name = "LAMBDA", value_parser = positive, default_value = "10", allow_negative_numbers = true)]
     pub gain_per_s: f64,
-    /// x̂(0).
+    /// Where the estimate starts; the position or the attitude is the true one in any case.
+    #[arg(long, value_enum, default_value_t = Initial::Reference)]
     pub initial: Initial,
-    /// Samples per second.
+    /// Rate of samples (Hz).
+    #[arg(long, value_name = "HZ", value_parser = positive, default_value = "200", allow_negative_numbers = true)]
     pub rate_hz: f64,
-    /// The samples are those at `0 ≤ j/rate < duration` (s).
+    /// Length of the run (s): the samples are those at `0 ≤ j/rate < duration` [default: 60 for translation, 100 for
+    /// rotation].
+    #[arg(
+        long = "duration",
+        value_name = "S",
+        value_parser = positive,
+        default_value = "60",
+        default_value_if("scenario", "rotation", "100"),
+        hide_default_value = true,
+        allow_negative_numbers = true
+    )]
     pub duration_s: f64,
-    /// Update first, or predict first.
+    /// Order of learning and predicting within a step.
+    #[arg(long, value_enum, default_value_t = Scheme::UpdateFirst)]
     pub scheme: Scheme,
-    /// f(v) or f(y).
+    /// Which velocity the plant's unknown force is a function of.
+    #[arg(long = "f-at", value_enum, default_value_t = FeltAt::True)]
     pub felt_at: FeltAt,
+}
+
+/// Arguments of `bench paper`.
+#[derive(Debug, Clone, Args)]
+pub struct PaperArguments {
+    #[command(flatten)]
+    settings: Settings,
+    /// Where table and figures go; made if it is missing.
+    #[arg(long, value_name = "DIR", default_value = "paper")]
+    pub(super) out: PathBuf,
+    /// Print one JSON document instead of the summary.
+    #[arg(long)]
+    pub(super) json: bool,
 }
 
 impl Settings {
@@ -188,32 +181,14 @@ impl Settings {
 }
 
 impl PaperArguments {
-    /// The numbers of the run: those that were given, and the paper's.
+    /// The numbers of the run.
     ///
     /// # Errors
     /// `--rate-hz` or `--duration` out of the example's range.
     pub fn settings(&self) -> Result<Settings, UsageError> {
-        let (width, duration_s) = match self.scenario {
-            Example::Translation => (0.01, 60.0),
-            Example::Rotation => (0.1, 100.0),
-        };
-        let settings = Settings {
-            example: self.scenario,
-            dead_zone: self.dead_zone,
-            width: self.width.unwrap_or(width),
-            buffer: self.buffer,
-            adaptation_rate: self.adaptation_rate,
-            kernel_order: self.kernel_order,
-            length_scale: self.length_scale,
-            gain_per_s: self.gain,
-            initial: self.initial,
-            rate_hz: self.rate_hz,
-            duration_s: self.duration.unwrap_or(duration_s),
-            scheme: self.scheme,
-            felt_at: self.f_at,
-        };
-        let Settings { rate_hz, duration_s, .. } = settings;
-        let lowest_hz = self.scenario.scenario().definition().lowest_rate_hz;
+        let settings = self.settings;
+        let Settings { example, rate_hz, duration_s, .. } = settings;
+        let lowest_hz = example.scenario().definition().lowest_rate_hz;
         if !(lowest_hz..=HIGHEST_RATE_HZ).contains(&rate_hz) {
             return Err(UsageError {
                 option: "--rate-hz".into(),

@@ -2,7 +2,7 @@
 
 use crate::config::Config;
 use crate::cycle::TickRecord;
-use crate::engine::{Counters, LoopCommand};
+use crate::engine::LoopCommand;
 use crate::latency::Latency;
 use crate::log::say;
 use crate::ports::HousekeepingPorts;
