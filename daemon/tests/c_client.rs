@@ -503,7 +503,7 @@ fn a_forked_child_that_exits_takes_no_port_of_its_parent() {
 
 #[test]
 fn the_readmes_loop_is_accepted_by_the_compiler() {
-    let readme = std::fs::read_to_string(of_the_client("README.md")).unwrap();
+    let readme = include_str!("../../README.md");
     let block = readme.split("```cpp\n").nth(1).unwrap().split("```").next().unwrap();
     let directory = tempfile::tempdir().unwrap();
     let source = directory.path().join("loop.cpp");

@@ -21,6 +21,7 @@ use std::process::Command;
 use venv::{environment, pip_install, said};
 
 const SOURCE: &str = include_str!("../../shared_types/src/payload.rs");
+const README: &str = include_str!("../../README.md");
 const PACKAGE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../shared_types/python");
 
 /// A field of a message: name, type as Rust writes it, offset and size in bytes.
@@ -357,9 +358,7 @@ fn the_python_messages_are_the_rust_messages() {
 
 #[test]
 fn the_readmes_python_is_that_of_a_tested_example() {
-    let readme = fs::read_to_string(Path::new(PACKAGE).join("README.md")).unwrap();
-    let blocks = readme.split("```python\n").skip(1).filter_map(|text| text.split("```").next());
-    let block = blocks.into_iter().find(|block| block.contains("def fly(")).expect("a flight loop in Python");
+    let block = README.split("```python\n").nth(1).expect("a block of Python").split("```").next().unwrap();
     let example = fs::read_to_string(Path::new(PACKAGE).join("examples/flight_loop.py")).unwrap();
     assert!(example.contains(block), "examples/flight_loop.py lacks the README's\n{block}");
 }
