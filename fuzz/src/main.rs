@@ -15,4 +15,4 @@ static CHOSEN: LazyLock<Target> = LazyLock::new(|| {
         .1
 });
 
-libfuzzer_sys::fuzz_target!(|bytes: &[u8]| CHOSEN(bytes));
+libfuzzer_sys::fuzz_target!(|bytes: &[u8]| (*CHOSEN)(bytes));
