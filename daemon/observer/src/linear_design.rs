@@ -106,7 +106,7 @@ impl LinearDesign {
     /// f̂ = 0 with the design's solver; whether the observer is stable is another question.
     ///
     /// # Errors
-    /// As [`LinearObserver::new`], but for what is stable.
+    /// As [`crate::LinearObserver::new`], but for what is stable.
     ///
     /// # Cost
     /// As [`crate::NativeSpace::new`] with the dense solver.
