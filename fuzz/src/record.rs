@@ -25,7 +25,7 @@ fn framed(body: &[u8]) -> Vec<u8> {
 fn read_all(bytes: &[u8]) -> Option<(usize, u64)> {
     let mut reader = Reader::new(Cursor::new(bytes));
     let mut frames = 0;
-    while let Some(_) = reader.next_frame().ok()? {
+    while reader.next_frame().ok()?.is_some() {
         frames += 1;
     }
     assert!(reader.torn_bytes() <= bytes.len() as u64);

@@ -38,7 +38,7 @@ thread_local! {
         files.push(by_samples);
         files
             .iter()
-            .map(|file| (Engine::new(&file.config, assemble::estimator(&file).unwrap()), file.config.clock))
+            .map(|file| (Engine::new(&file.config, assemble::estimator(file).unwrap()), file.config.clock))
             .collect()
     }) };
 }

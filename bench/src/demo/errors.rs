@@ -45,7 +45,7 @@ impl Run {
 
     /// The estimates that the same samples give at the same instants if nothing is learned.
     pub(super) fn without_adaptation(&self, config: &ConfigFile) -> anyhow::Result<Vec<Estimate>> {
-        let mut observer = assemble::rigid_body(&config)?;
+        let mut observer = assemble::rigid_body(config)?;
         let mut gate = Gate::new(config.config.input, true);
         let mut measurements = self.measurements.iter().peekable();
         let estimates = self.estimates.iter().map(|estimate| {

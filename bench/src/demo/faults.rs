@@ -44,7 +44,7 @@ pub(super) fn without_faults(
     let measured = Simulation::new(options)?.filter_map(|sample| sample.measurement);
     let mut measured =
         measured.map(|sample| Measurement { stamp_ns: start_ns + sample.stamp_ns, ..sample }).peekable();
-    let mut observer = assemble::rigid_body(&config)?;
+    let mut observer = assemble::rigid_body(config)?;
     let mut gate = Gate::new(config.config.input, true);
     let estimates = run.estimates.iter().map(|estimate| {
         while let Some(sample) = measured.next_if(|sample| sample.stamp_ns <= estimate.stamp_ns) {

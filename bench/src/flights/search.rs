@@ -351,7 +351,7 @@ fn block_errors(flight: &Flight, config: &ConfigFile) -> anyhow::Result<Vec<[f64
     let mut sums: Vec<[MeanLog; 2]> = (0..N_BLOCKS).map(|_| Default::default()).collect();
     let learned_in = flight.half;
     let length = (flight.samples.len() - learned_in).div_ceil(N_BLOCKS);
-    fly(flight, ObserverEstimator(assemble::rigid_body(&config)?, Learn::ALL), |index, finding| {
+    fly(flight, ObserverEstimator(assemble::rigid_body(config)?, Learn::ALL), |index, finding| {
         let Some(after) = index.checked_sub(learned_in) else { return };
         let block = &mut sums[after / length];
         match finding {

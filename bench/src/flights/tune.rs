@@ -85,7 +85,7 @@ pub(crate) fn run(arguments: &TuneArguments) -> anyhow::Result<()> {
     let tuned = &chosen.config;
     let translation = start.config.translation.as_ref().context("the configuration has no [translation]")?;
     let errors = |config: &ConfigFile, flight: &Flight| -> anyhow::Result<Errors> {
-        let accuracy = evaluate(flight, ObserverEstimator(assemble::rigid_body(&config)?, Learn::ALL))?;
+        let accuracy = evaluate(flight, ObserverEstimator(assemble::rigid_body(config)?, Learn::ALL))?;
         let (one_step_rms_m_s, coast_rms_m_s) = (accuracy.one_step_rms_m_s, accuracy.coast_rms_m_s);
         Ok(Errors { one_step_rms_m_s, coast_rms_m_s })
     };

@@ -1,6 +1,6 @@
 //! `observer_client.h`: functions by cbindgen from the library's source, everything else from the tables.
 
-use super::wrapped;
+use crate::text::wrapped;
 use observer_client::layout::{HASH, LAYOUTS};
 use observer_client::ports;
 use shared_types::payload::{CONSTANTS, Rejection};

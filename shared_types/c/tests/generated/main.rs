@@ -5,6 +5,7 @@
 
 mod c;
 mod python;
+mod text;
 
 use shared_types::payload::PAYLOADS;
 use std::path::Path;
@@ -47,19 +48,4 @@ fn compare(file: &str, made: &str) {
         "{} is not what the tables say ({differing:?}); write it: UPDATE=1 cargo test -p observer_client --test generated",
         path.display()
     );
-}
-
-/// Breaks a text after spaces where a line would be longer than 110 characters, with `indent` in front of each line.
-fn wrapped(text: &str, indent: &str) -> Vec<String> {
-    let mut lines = vec![String::from(indent)];
-    for word in text.split_whitespace() {
-        let last = lines.len() - 1;
-        if lines[last].chars().count() + word.chars().count() < 110 {
-            let gap = if lines[last] == indent { "" } else { " " };
-            lines[last] += &format!("{gap}{word}");
-        } else {
-            lines.push(format!("{indent}{word}"));
-        }
-    }
-    lines
 }

@@ -1,6 +1,6 @@
 //! `payload.py`, from the tables.
 
-use super::wrapped;
+use crate::text::wrapped;
 use shared_types::payload::{CONSTANTS, Measurement, PAYLOADS, Rejection, real_time, status_bits};
 use shared_types::table::{Constants, Field, Kind, Scalar};
 use std::collections::BTreeSet;
