@@ -74,7 +74,7 @@ fn linear_arrivals(duration_s: f64) -> Arrivals {
 
 /// Everything through an engine at `tick_hz`, with commands, checkpoints and a resumption in another engine.
 fn through_engine(file: &ConfigFile, arrivals: &Arrivals, tick_hz: f64) -> u64 {
-    let new = || Engine::new(&file.config, assemble::estimator(&file).unwrap());
+    let new = || Engine::new(&file.config, assemble::estimator(file).unwrap());
     let (mut engine, mut hash) = (new(), Hash(0xcbf2_9ce4_8422_2325));
     let period_ns = (1e9 / tick_hz) as u64;
     let mut arrivals = arrivals.iter().peekable();
@@ -125,7 +125,7 @@ fn through_engine(file: &ConfigFile, arrivals: &Arrivals, tick_hz: f64) -> u64 {
 
 /// What the gate accepts, through the observers alone: an estimate at each sample and between two.
 fn through_library(file: &ConfigFile, arrivals: &Arrivals) -> u64 {
-    let mut observer = assemble::estimator(&file).unwrap();
+    let mut observer = assemble::estimator(file).unwrap();
     let mut gate = Gate::new(file.config.input, true);
     let mut hash = Hash(0xcbf2_9ce4_8422_2325);
     for (at_ns, source, measurement) in arrivals {
