@@ -118,21 +118,25 @@ impl Client {
         Ok(TopicPublisher { publisher })
     }
 
+    /// A subscriber that holds this many samples; `None`: as many as the service allows, which another machine's link may
+    /// have made with less than ours.
     fn subscriber<T: Published>(
         &self,
-        buffer: usize,
+        buffer: Option<usize>,
     ) -> Result<Subscriber<ipc::Service, T, ()>, ClientError> {
         let topic = self.open(|services| services.open::<T>())?;
         let _making = self.domain.lock_for_making()?;
-        topic.subscriber_builder().buffer_size(buffer).create().map_err(port_error("create subscriber"))
+        let builder = topic.subscriber_builder();
+        let builder = if let Some(buffer) = buffer { builder.buffer_size(buffer) } else { builder };
+        builder.create().map_err(port_error("create subscriber"))
     }
 
     fn stream<T: Published>(&self) -> Result<Stream<T>, ClientError> {
-        Ok(Stream { subscriber: self.subscriber(T::BUFFER)? })
+        Ok(Stream { subscriber: self.subscriber(None)? })
     }
 
     fn latest<T: Published>(&self) -> Result<Latest<T>, ClientError> {
-        Ok(Latest { subscriber: self.subscriber(1)?, newest: None })
+        Ok(Latest { subscriber: self.subscriber(Some(1))?, newest: None })
     }
 
     /// The source of the vehicle's measurements. An instance listens to one source at a time.

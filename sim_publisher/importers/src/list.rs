@@ -102,7 +102,7 @@ mod tests {
             let row = format!("| `{name}` | `.{}` | {} |", importer.ending(), importer.about());
             assert!(manual.contains(&row), "docs/logs.md lacks: {row}");
             let targets = [format!("log_{name}.rs"), format!("{name}.rs")];
-            assert!(targets.iter().any(|file| root.join("fuzz/src/bin").join(file).exists()), "{name}");
+            assert!(targets.iter().any(|file| root.join("fuzz/src").join(file).exists()), "{name}");
             assert!(by_name(name).is_some_and(|found| found.ending() == importer.ending()));
         }
     }

@@ -18,7 +18,7 @@ impl Importer for Record {
     }
 
     fn about(&self) -> &'static str {
-        "Flight record of `daemon run --record`"
+        "Flight record of `daemon run --record FILE`"
     }
 
     fn ending(&self) -> &'static str {
@@ -33,7 +33,9 @@ impl Importer for Record {
 fn parse(bytes: &[u8], path: &str) -> Result<RecordedFlight, ImportError> {
     let no_record = |found: String| ImportError::Content {
         path: path.into(),
-        found: format!("no flight record that can be read: {found}; needed: a file of `daemon run --record`"),
+        found: format!(
+            "no flight record that can be read: {found}; needed: a file of `daemon run --record FILE`"
+        ),
     };
     let mut reader = Reader::new(Cursor::new(bytes));
     let mut flight = Collector::of_recording();
