@@ -500,7 +500,7 @@ pub struct SaverHandle {
     pub progress: Arc<SaverProgress>,
 }
 
-/// Both ends; without a path nobody ever asks.
+/// Both ends; without a path no request ever comes.
 pub fn saver(
     path: Option<PathBuf>,
     instance: &str,
@@ -547,7 +547,7 @@ impl Saver {
             last = Instant::now();
             let done = self.save(stop);
             if let Some(request) = request {
-                // Whoever does not wait any more needs no answer.
+                // The asker may have stopped waiting.
                 let _ = request.send(done);
             }
         }

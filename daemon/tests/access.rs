@@ -247,7 +247,7 @@ fn what_another_user_plants_among_the_segments_is_refused_and_left_alone() {
     assert_refused(&domain, &[link.to_str().unwrap(), "a symbolic link"]);
     fs::remove_file(&link).unwrap();
 
-    // Planted while the service runs: whoever connects next says so, and what runs goes on.
+    // Planted while the service runs: the next client reports it, and the service goes on.
     let daemon = Daemon::start(&domain, &[]);
     in_use(&domain);
     fs::write(&file, "").unwrap();

@@ -76,7 +76,7 @@ fn facts() -> Value {
     })
 }
 
-/// Past the test's capture: nobody shall take a skipped test for a passed one.
+/// Past the test's capture, so that a skipped test is not taken for a passed one.
 fn skip(reason: &str) {
     let _ = writeln!(std::io::stderr(), "skipped: the Python client against a live service: {reason}");
 }

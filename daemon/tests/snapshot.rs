@@ -116,7 +116,7 @@ fn snapshot_path(domain: &TestDomain) -> PathBuf {
     ServiceFiles::snapshot_in(domain.state.path(), &domain.domain, "vehicle")
 }
 
-/// Flies on for so many samples from `from` on.
+/// Flies on with samples numbered from `from`.
 fn fly(client: &Client, from: u64, samples: u64) -> u64 {
     let sensors = client.measurement_publisher().unwrap();
     for sequence in from..from + samples {

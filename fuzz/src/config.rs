@@ -4,7 +4,7 @@ use daemon::assemble;
 use daemon::config::{Config, ConfigFile};
 
 /// A design takes N³ operations: those of more centers are parsed and printed, not built.
-const MOST_CENTERS: usize = 64;
+const MAX_CENTERS: usize = 64;
 
 /// One run.
 pub(crate) fn run(bytes: &[u8]) {
@@ -20,7 +20,7 @@ pub(crate) fn run(bytes: &[u8]) {
         again.commented_toml().lines().skip(1).collect::<Vec<_>>(),
         printed.lines().skip(1).collect::<Vec<_>>()
     );
-    if n_centers(&file.config) <= MOST_CENTERS {
+    if n_centers(&file.config) <= MAX_CENTERS {
         match assemble::estimator(&file) {
             Ok(mut estimator) => {
                 let estimate = daemon::engine::to_payload(&estimator.estimate(1));

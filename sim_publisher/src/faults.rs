@@ -46,7 +46,7 @@ struct Active {
     random: ChaCha8Rng,
     /// Of the error of bias and drift.
     direction: Vector3<f64>,
-    /// Samples so far that it might concern: the phase of "one in so many".
+    /// Samples so far that it might concern: the phase of "one in n".
     seen: u64,
     /// What the sensor said last, of the fields that it ever measured.
     last: Measurement,
@@ -163,7 +163,7 @@ impl Faults {
 }
 
 impl Active {
-    /// One sample in so many, from the first that is asked about.
+    /// One sample in n, from the first that is asked about.
     fn is_one_in(&mut self, every: u64) -> bool {
         self.seen += 1;
         (self.seen - 1).is_multiple_of(every)

@@ -16,7 +16,7 @@
 use nalgebra::{Matrix3, Quaternion, Rotation3, UnitQuaternion, Vector3};
 
 /// Longest step of the integrator (s).
-pub const LONGEST_SUBSTEP_S: f64 = 1e-3;
+pub const MAX_SUBSTEP_S: f64 = 1e-3;
 
 /// The motion of a rigid body.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -180,7 +180,7 @@ pub fn integrate_under<Plant: TruePlant + ?Sized>(
 
 fn n_substeps(duration_s: f64) -> usize {
     // The margin keeps 5 ms, of which the difference of two times has lost a bit, at 5 steps.
-    (duration_s / LONGEST_SUBSTEP_S - 1e-9).ceil().max(1.0) as usize
+    (duration_s / MAX_SUBSTEP_S - 1e-9).ceil().max(1.0) as usize
 }
 
 /// What the estimation service is told about a vehicle.

@@ -19,7 +19,7 @@ const SETTLING_NS: u64 = 50_000_000;
 /// From the decision to start to the first stamp (ns).
 const LEAD_NS: u64 = 20_000_000;
 /// The longest sleep: a stop is noticed, and readers are let in, at least this often (ns).
-const LONGEST_SLEEP_NS: u64 = 50_000_000;
+const MAX_SLEEP_NS: u64 = 50_000_000;
 
 /// How the source's time runs on the wall.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -187,10 +187,10 @@ fn wait_until(deadline_ns: u64, ports: &Ports, stop: &AtomicBool) -> Result<bool
         if now_ns >= deadline_ns {
             return Ok(true);
         }
-        if deadline_ns - now_ns > LONGEST_SLEEP_NS {
+        if deadline_ns - now_ns > MAX_SLEEP_NS {
             ports.measurements.update_connections()?;
         }
-        sleep_until_ns(deadline_ns.min(now_ns + LONGEST_SLEEP_NS));
+        sleep_until_ns(deadline_ns.min(now_ns + MAX_SLEEP_NS));
     }
 }
 

@@ -3,7 +3,7 @@
 //! With such a fault `sim_publisher run` does not publish itself: it starts itself once more as a *worker*, with the
 //! same arguments, and sends that one SIGSTOP, SIGCONT and SIGKILL at the faults' times. A worker that is started after
 //! a kill is told the start of the run. The simulation follows from its options alone, so it catches up with the vehicle
-//! that flew on, and publishes from now on. What was due while no process was there is sent by nobody.
+//! that flew on, and publishes from now on. What was due while no process was there is not sent.
 //!
 //! A worker says on its stdout when it starts to publish, and at its end what it did: one JSON document a line.
 
@@ -30,7 +30,7 @@ pub enum Message {
     Started {
         /// CLOCK_MONOTONIC of the run's start (ns).
         start_stamp_ns: u64,
-        /// Samples that were due since the last worker died: nobody sent them.
+        /// Samples that were due since the last worker died: they are not sent.
         samples_missed: u64,
     },
     /// It is done.
@@ -136,7 +136,7 @@ pub fn supervise(
     let mut missed = vec![0; faults.len()];
     let mut start_ns = None;
     let mut steps = steps(faults, Reach::Source).into_iter().peekable();
-    // The kill since which nobody publishes, and when it was, after the run's start.
+    // The kill since which no process publishes, and when it was, after the run's start.
     let mut dead_since: Option<(usize, u64)> = None;
     let mut asked_to_end = false;
     let (mut published, mut tallies) = loop {
@@ -211,7 +211,7 @@ struct Worker {
 }
 
 impl Worker {
-    /// `resumed` is the start of the run that it continues, and since when after that nobody published.
+    /// `resumed` is the start of the run that it continues, and since when after that no process published.
     fn start(arguments: &[OsString], resumed: Option<(u64, u64)>) -> Result<Self, SuperviseError> {
         let program = std::env::current_exe().map_err(failed("find the program of"))?;
         let mut command = Command::new(program);

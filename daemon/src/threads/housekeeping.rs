@@ -285,7 +285,7 @@ impl Housekeeping {
             let (held_back, stuck) = (now.outputs_held_back[channel], now.outputs_stuck[channel]);
             if is_news(before.outputs_held_back[channel], held_back) {
                 say!(
-                    "{held_back} measurements of the {quantity} stand out and are held back (input.outliers)"
+                    "{held_back} measurements of the {quantity} are outliers and held back (input.outliers)"
                 );
             }
             if is_news(before.outputs_stuck[channel], stuck) {

@@ -33,7 +33,7 @@ constants! {
         COASTING_LINEAR = 1 << 11, "coasting-linear";
         /// The previous tick ended after its next deadline: the loop is late.
         LATE = 1 << 12, "late";
-        /// The loop was late in so many ticks in a row that samples are not used: the estimate is predicted only.
+        /// The loop was late for `deadline.predict_only_after_ticks` ticks in a row: samples are not used, and the estimate is predicted only.
         PREDICT_ONLY = 1 << 13, "predict-only";
         /// The loop was late for so long that the estimate is not to be used at all: do not fly on this.
         INVALID = 1 << 14, "invalid";

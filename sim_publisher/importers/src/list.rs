@@ -96,11 +96,11 @@ mod tests {
     #[test]
     fn every_format_has_a_fuzz_target_and_a_row_in_the_documentation() {
         let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
-        let manual = std::fs::read_to_string(root.join("docs/logs.md")).unwrap();
+        let manual = std::fs::read_to_string(root.join("docs/recordings.md")).unwrap();
         for importer in IMPORTERS {
             let name = importer.name();
             let row = format!("| `{name}` | `.{}` | {} |", importer.ending(), importer.about());
-            assert!(manual.contains(&row), "docs/logs.md lacks: {row}");
+            assert!(manual.contains(&row), "docs/recordings.md lacks: {row}");
             let targets = [format!("log_{name}.rs"), format!("{name}.rs")];
             assert!(targets.iter().any(|file| root.join("fuzz/src").join(file).exists()), "{name}");
             assert!(by_name(name).is_some_and(|found| found.ending() == importer.ending()));

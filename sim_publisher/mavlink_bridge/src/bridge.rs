@@ -532,7 +532,7 @@ mod tests {
         let mut vehicle = Vehicle::of(Settings { request_rate_hz: Some(50.0), ..Settings::default() });
         let request = TIMESYNC_DATA { tc1: 0, ts1: 77, target_system: 0, target_component: 0 };
         vehicle.says(1000, &MavMessage::TIMESYNC(request.clone()));
-        assert_eq!(vehicle.bridge.take_replies(), [], "nobody is followed yet");
+        assert_eq!(vehicle.bridge.take_replies(), [], "no vehicle is followed yet");
         vehicle.says(1000, &position(1000));
         vehicle.says(1001, &MavMessage::TIMESYNC(request));
         let replies = vehicle.bridge.take_replies();

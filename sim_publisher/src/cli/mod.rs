@@ -91,7 +91,7 @@ estimate is no second sensor: let no vehicle fuse what --send returns of its own
 data.
 
 Examples:
-  # Whoever sends to this port: PX4, ArduPilot, or a router
+  # Any sender to this port: PX4, ArduPilot, or a router
   sim_publisher mavlink --listen udp:0.0.0.0:14550
   # On the vehicle's serial port, asking for 100 Hz; the thrust in newtons
   sim_publisher mavlink --listen serial:/dev/ttyUSB0:921600 \\

@@ -278,7 +278,7 @@ impl Written {
         self.number(key, None, |size| size > 0.0, needed)
     }
 
-    /// "One in so many".
+    /// "One in n".
     fn count(&mut self, key: &str, default: Option<u64>, least: u64) -> Result<u64, FaultError> {
         let needed = format!("a whole number from {least} to 1000000");
         let accepted = |n: f64| n.fract() == 0.0 && (least as f64..=1e6).contains(&n);

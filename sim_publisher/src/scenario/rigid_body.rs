@@ -1,4 +1,4 @@
-//! A quadcopter with a payload that nobody declared, in wind and gusts, flying figure-eights.
+//! A quadcopter with an undeclared payload, in wind and gusts, flying figure-eights.
 //!
 //! North-east-down; thrust acts along −z of the body.
 //!
