@@ -1,6 +1,6 @@
-//! Configuration → observers: designs are made of a configuration's values, checked, and built.
+//! Makes observers of a configuration: its values become designs, which are checked and built.
 //!
-//! A refusal names the key, its line, what was found and what would be accepted.
+//! An error names the key, its line, what was found and what would be accepted.
 
 use crate::config::{
     CommonKeys, ConfigError, ConfigFile, DeadZoneName, GyroscopicTorqueName, InputConfig, KernelName,

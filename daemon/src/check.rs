@@ -1,4 +1,4 @@
-//! What is proven for a configuration, and what would be proven for a better one.
+//! What is proven for a configuration, and which values would satisfy the conditions that fail.
 
 use crate::assemble;
 use crate::config::{ConfigError, ConfigFile, DeadZoneName};

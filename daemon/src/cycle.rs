@@ -1,10 +1,14 @@
-//! The tick: wake up, take every queued sample (triggered by samples: the one that woke us), step to its
-//! stamp, propagate, publish; then the slack. What is decided in it, the [`Engine`] decides.
+//! The tick: wake up, take the queued samples, step to their stamps, propagate, publish. The [`Engine`] makes all
+//! decisions; this file calls it at the right times.
 //!
-//! [`Cycle::serve`] is all that happens between wake-up and publication: no allocation, no system call, no
-//! lock, no log line. (A reader or source that connects in the very sleep before is mapped in it, once.)
-//! [`Cycle::rest`] does what can wait until after publication. [`Cycle::run`] keeps the deadlines: absolute,
-//! on CLOCK_MONOTONIC; a late tick is counted and skipped over, never made up.
+//! | function | part of the tick |
+//! |---|---|
+//! | [`Cycle::serve`] | from wake-up to publication: no allocation, no system call, no lock, no log line |
+//! | [`Cycle::rest`] | after publication: everything that can wait |
+//! | [`Cycle::run`] | the deadlines, absolute on CLOCK_MONOTONIC. A missed deadline is counted and not made up for |
+//!
+//! With a timer, a tick takes every queued sample; when triggered by samples, the one that woke it. One exception to
+//! "no system call": a reader or source that has connected during the preceding sleep is mapped in `serve`, once.
 
 use crate::config::{Config, Trigger};
 use crate::deadline::{WakeUp, skip_missed, wait_for_deadline};

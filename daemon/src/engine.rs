@@ -1,7 +1,7 @@
-//! All that decides an estimate, with neither clock nor port: gate, observers, guards, deadline policy, counters.
+//! Everything that determines an estimate: gate, observers, guards, deadline policy, counters. No clock and no port.
 //!
-//! What goes in are samples, commands and instants. The same ones give the same estimates to the bit, so a record of
-//! them replays ([`crate::replay`]), and another engine goes on from a checkpoint ([`crate::snapshot`]).
+//! The inputs are samples, commands and instants. The same inputs give the same estimates to the bit. Therefore a record of
+//! them can be replayed ([`crate::replay`]), and another engine can continue from a checkpoint ([`crate::snapshot`]).
 //!
 //! A tick is [`Engine::begin`], [`Engine::take`] for each sample, [`Engine::conclude`]: no allocation, no system call.
 

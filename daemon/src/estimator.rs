@@ -1,4 +1,4 @@
-//! What one service estimates: a rigid body, a general linear plant, or both.
+//! The observers of one service: a rigid body, a general linear plant, or both.
 
 use crate::gate::LinearSample;
 use nalgebra::UnitQuaternion;

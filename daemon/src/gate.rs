@@ -1,4 +1,4 @@
-//! The input gate decides which samples are accepted. A bad one is rejected, counted and named, and changes no state.
+//! The input gate decides which samples are accepted. A rejected sample is counted by its reason and changes no state.
 //!
 //! Depends on the configuration of the input, the payload's table and the observer's sample; reads no clock.
 

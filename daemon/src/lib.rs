@@ -2,7 +2,7 @@
 //!
 //! It runs beside the process of a flight or underwater vehicle. At a fixed rate it takes the vehicle's sensor samples from
 //! shared memory, and writes back position, velocity, attitude, angular velocity and the unknown force and torque, which it
-//! learns on line; at every tick it says how far it can be trusted.
+//! learns on line. Every estimate states how far it can be trusted.
 #![cfg_attr(doc, doc = concat!("<div>\n", include_str!("../../docs/architecture.svg"), "</div>\n"))]
 //!
 //! The mathematics is the crate [`observer`]. Most users need no more of this crate than its program; a vehicle's process
@@ -11,23 +11,23 @@
 //!
 //! | module | holds |
 //! |---|---|
-//! | [`config`] | the configuration as data, a crate of its own |
-//! | [`assemble`] | configuration → observers |
+//! | [`config`] | the configuration as data: the crate `daemon_config` |
+//! | [`assemble`] | makes observers of a configuration |
 //! | [`check`] | what is proven for a configuration |
 //! | [`gate`] | which samples are accepted |
 //! | [`estimator`] | the observer of a configuration, of a rigid body or of a linear plant |
-//! | [`engine`] | all that decides an estimate, without clock and ports |
+//! | [`engine`] | everything that determines an estimate, without clock and ports |
 //! | [`cycle`] | the tick |
-//! | [`deadline`] | waiting for the next one |
+//! | [`deadline`] | waiting for the next deadline |
 //! | [`ports`] | the iceoryx2 ports of the service |
-//! | [`snapshot`] | what was learned, in a file; resumed at the start |
-//! | [`replay`] | a flight record, replayed to the same bits |
+//! | [`snapshot`] | saving what was learned to a file, and resuming from it |
+//! | [`replay`] | replaying a flight record to the same bits |
 //! | [`threads`] | the threads beside the loop |
-//! | [`system`] | what the service asks of the machine |
+//! | [`system`] | real-time settings, doctor, service manager |
 //! | [`service`] | starting and stopping all of it |
 //! | [`cli`] | the command line |
 //!
-//! What it does for a multicopter in wind with a load that it is not told of, beside the same observer without learning
+//! A multicopter in wind, with a load that the configuration does not contain, beside the same observer without learning
 //! (`bench demo`):
 #![cfg_attr(doc, doc = concat!("<div style=\"overflow-x:auto\">\n", include_str!("../../docs/demo.svg"), "</div>\n"))]
 

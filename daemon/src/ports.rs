@@ -1,7 +1,7 @@
 //! The ports of the service: the only file of the daemon that names iceoryx2's ports.
 //!
-//! Everything is made under the domain's lock. `take` and `publish` neither allocate nor call the system;
-//! a loan allocates, so the next sample is loaned after publication, in the slack of the tick.
+//! All ports are made under the domain's lock. `take` and `publish` neither allocate nor make a system call. A loan does
+//! allocate, so the sample of the next tick is loaned after publication, in the slack.
 
 use iceoryx2::active_request::ActiveRequest;
 use iceoryx2::port::publisher::Publisher;

@@ -1,4 +1,4 @@
-//! Replay of a flight record: the same engine, the same samples and instants, and every published estimate compared.
+//! Replays a flight record: runs the engine on its samples and instants, and compares every estimate with the published one.
 
 use crate::assemble;
 use crate::config::{ConfigError, ConfigFile};

@@ -1,4 +1,4 @@
-//! The running service: its threads, their order of start and end, and its files.
+//! Starts and stops the service: its threads, the order of their start and end, and its files.
 
 use crate::assemble;
 use crate::check;

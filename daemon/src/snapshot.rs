@@ -1,12 +1,12 @@
-//! Snapshots: what was learned, and the state, in a file, so that a restart goes on instead of beginning again.
+//! Snapshots: what was learned and the state, in a file, so that a restarted service continues from there.
 //!
 //! ```text
 //! loop:   checkpoint ──a part per tick──▶ ring ──▶ saver thread: NAME.snapshot.new, sync, rename, sync ──▶ NAME.snapshot
 //! start:  NAME.snapshot ──checks: sum, version, meaning──▶ engine
 //! ```
 //!
-//! A kill at any instant leaves the previous file or the new one, whole. The loop never waits: the checkpoint that it
-//! saves anyway is read in parts, in the slack after publication.
+//! A kill at any instant leaves either the previous file or the new one, complete. The loop never waits: the engine's
+//! checkpoint is read in parts, in the slack after publication.
 //!
 //! | bytes | what |
 //! |---|---|

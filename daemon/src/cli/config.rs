@@ -1,4 +1,4 @@
-//! `daemon config`, `config-reference` and `iceoryx2-config`: texts to start from.
+//! `daemon config`, `config-reference` and `iceoryx2-config`: print configurations of the service and of iceoryx2.
 
 use super::arguments::DesignArguments;
 use crate::assemble;

@@ -1,4 +1,4 @@
-//! `daemon control`: commands to a running service, and its status in words.
+//! `daemon control`: sends a command to a running service and prints its status.
 
 use super::arguments::PlaceArguments;
 use crate::system::settings;

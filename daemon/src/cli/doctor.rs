@@ -1,4 +1,4 @@
-//! `daemon doctor`: what this machine grants, for people and scripts.
+//! `daemon doctor`: prints what this machine grants, as text or JSON.
 
 use super::arguments::PlaceArguments;
 use crate::assemble;

@@ -1,4 +1,4 @@
-//! `daemon run`: the service, until SIGINT or SIGTERM.
+//! `daemon run`: runs the service until SIGINT or SIGTERM.
 
 use super::arguments::{DesignArguments, PlaceArguments};
 use crate::config::ConfigFile;

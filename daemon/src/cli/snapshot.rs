@@ -1,4 +1,4 @@
-//! `daemon snapshot show`: what is inside a snapshot.
+//! `daemon snapshot show`: prints the contents of a snapshot.
 
 use crate::snapshot::Snapshot;
 use clap::{Args, Subcommand};

@@ -1,4 +1,4 @@
-//! What figures depend on: the processor, and what reading the clock costs.
+//! The processor's name and the cost of reading the clock, which printed figures depend on.
 
 use std::time::Instant;
 

@@ -1,6 +1,6 @@
-//! What the service asks of the machine: real-time settings, what the machine grants, what systemd is told.
+//! The service and its machine: real-time settings, the doctor, the service manager.
 //!
-//! May use the configuration and the tick's own wait; knows neither engine nor ports.
+//! May depend on the configuration and on the wait of the tick, not on engine or ports.
 
 pub(crate) mod doctor;
 pub mod machine;

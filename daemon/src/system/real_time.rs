@@ -1,8 +1,7 @@
-//! What a thread asks of the system so that it is on time: a core, a fixed priority, timers without slack,
-//! memory that stays, a processor that does not doze off.
+//! Real-time settings of a thread: cores, a fixed priority, timers without slack, locked memory, no idle states.
 //!
-//! Nothing here is needed for a correct estimate, only for a punctual one. Each call reads back what is then in effect; a
-//! refusal says what was asked for, why it was refused and what would help, and the caller goes on without it.
+//! They affect when an estimate is published, not its value. Each call reads back the value that is then in effect. An error
+//! says what was requested, why it was refused and what would help; the caller continues without the setting.
 
 use rustix::mm::{MlockAllFlags, mlockall, munlockall};
 use rustix::process::{Resource, getrlimit};

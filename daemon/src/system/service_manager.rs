@@ -1,8 +1,8 @@
-//! What the service manager (systemd, `Type=notify`) is told: ready, alive, stopping, and a line for people.
+//! Notifications to the service manager (systemd, `Type=notify`): ready, alive, stopping, and a line of status.
 //!
-//! Alive means that the loop ticked: the housekeeping thread feeds the watchdog only when the loop's tick counter has
-//! advanced since the last time. A loop that hangs is therefore killed and started again, although the
-//! housekeeping thread still runs. Without a service manager (`NOTIFY_SOCKET`) all of this does nothing.
+//! The housekeeping thread feeds the watchdog only if the loop's tick counter has advanced since the last time. A loop that
+//! hangs is therefore killed and started again, although the housekeeping thread still runs. Without a service manager (no
+//! `NOTIFY_SOCKET`) nothing is sent.
 
 use sd_notify::NotifyState;
 use shared_types::Status;

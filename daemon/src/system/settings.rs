@@ -1,4 +1,4 @@
-//! The settings of `[real_time]`, applied to the loop's thread; those that are refused are left out and told.
+//! Applies the settings of `[real_time]` to the loop's thread. Refused settings are reported and left out.
 
 use super::real_time::{
     self, AwakeCores, Refused, allowed_cores, keep_cores_awake, lock_memory, stay_on_cores, unlock_memory,

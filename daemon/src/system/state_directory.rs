@@ -1,4 +1,4 @@
-//! Where snapshots are kept.
+//! The directory in which snapshots are stored.
 
 use std::path::{Path, PathBuf};
 

@@ -1,4 +1,4 @@
-//! The housekeeping thread: it gathers the loop's records, publishes the status, answers commands and writes the log.
+//! The housekeeping thread: collects the loop's records, publishes the status, answers commands and writes the log.
 
 use crate::config::Config;
 use crate::cycle::TickRecord;

@@ -1,4 +1,4 @@
-//! The service's threads beside the loop. Each owns its data; what it shares with the loop is a wait-free ring.
+//! The service's threads beside the loop. Each owns its data and exchanges values with the loop through wait-free rings.
 
 pub mod housekeeping;
 pub mod recorder;

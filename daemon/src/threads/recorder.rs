@@ -1,11 +1,11 @@
-//! Recording: from the loop, through a wait-free ring, to a thread that writes the flight record.
+//! The recorder: a thread that writes the flight record. The loop sends it entries through a wait-free ring.
 //!
 //! ```text
 //! loop ──Entry──▶ wait-free ring ──▶ recorder thread ──▶ FILE (appended)
 //! ```
 //!
-//! Where the disk is slow the ring fills up. Whole ticks are left out then, and counted; the loop never waits. The file's
-//! format is the crate [`flight_record`].
+//! If the disk is slow, the ring fills up. Then whole ticks are left out and counted; the loop never waits. The crate
+//! [`flight_record`] defines the file's format.
 
 use crate::config::Config;
 use crate::engine::Checkpoint;

@@ -1,4 +1,4 @@
-//! The programs under test as real processes.
+//! Runs the programs under test as processes.
 
 use crate::domain::TestDomain;
 use crate::wait::PATIENCE;

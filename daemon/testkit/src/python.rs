@@ -1,4 +1,4 @@
-//! Environments of Python, one for each set of tests: nothing of the machine's own is changed.
+//! Python environments, one for each set of tests. The machine's own Python is not changed.
 
 use std::fs::File;
 use std::path::{Path, PathBuf};

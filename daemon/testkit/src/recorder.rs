@@ -1,4 +1,4 @@
-//! A reader beside a test: it keeps everything that passes through a domain.
+//! A thread that records every message of an instance while a test runs.
 
 use crate::domain::TestDomain;
 use crate::wait::PATIENCE;

@@ -1,4 +1,4 @@
-//! Waiting for what must happen, and saying that a test was skipped.
+//! Waiting for a condition, and reporting that a test was skipped.
 
 use std::io::Write as _;
 use std::time::{Duration, Instant};

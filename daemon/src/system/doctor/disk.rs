@@ -1,4 +1,4 @@
-//! The disk, as far as snapshots need it.
+//! Facts about the disk on which snapshots are stored.
 
 use super::fact::Fact;
 use crate::snapshot;

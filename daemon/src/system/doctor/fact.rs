@@ -1,4 +1,4 @@
-//! One fact about the machine, its verdict and its remedy; and the plan of what is measured.
+//! The type of a fact about the machine, with verdict and remedy; and the plan of the measurements.
 
 use serde::Serialize;
 

@@ -1,4 +1,4 @@
-//! What punctuality depends on, apart from memory: rights, cores, clock, kernel.
+//! Facts that affect punctuality: rights, cores, clock, kernel.
 
 use super::fact::{Fact, Plan};
 use crate::system::machine;

@@ -1,5 +1,5 @@
-//! How late a thread wakes up, by what it asks of the system. All modes take turns, so that what else runs on
-//! the machine hits them alike; each turn is a thread of its own, with whose end its settings are gone.
+//! Measures how late a thread wakes up, with each real-time setting and without. The modes take turns, so that other load
+//! on the machine affects all of them alike. Each turn is a new thread, since a thread's settings end with it.
 
 use super::fact::Plan;
 use crate::config::RealTimeConfig;

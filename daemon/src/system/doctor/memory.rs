@@ -1,4 +1,4 @@
-//! Shared memory: whether it can be used, how much there is, and what dead processes left in it.
+//! Facts about shared memory: whether it is usable, its size, and what dead processes have left in it.
 
 use super::fact::Fact;
 use rustix::fs::statvfs;

@@ -1,7 +1,7 @@
-//! What this machine grants, measured.
+//! The doctor measures how late threads wake up with each setting, and collects the facts that this depends on.
 //!
-//! How late threads wake up with each setting, and what that depends on: each fact with what was found, a verdict, and a
-//! remedy. The doctor needs no rights and changes nothing; a fact that the kernel does not tell is one line that says so.
+//! Each fact has what was found, a verdict, and a remedy. The doctor needs no rights and changes nothing. A fact that the
+//! kernel does not report is listed as unknown.
 
 mod disk;
 mod fact;
