@@ -1,5 +1,5 @@
-//! Who may touch a running service: its owner alone. What another user can try, and what a source of the same
-//! user can do at worst.
+//! Access to a running service: only its owner has it. What another user can try, and what a faulty source of the same user
+//! can do.
 
 use crate::common::{Daemon, PATIENCE, TestDomain, daemon_command, finished, wait_until};
 use iceoryx2::prelude::*;

@@ -1,4 +1,4 @@
-//! What the reference and the schema of the configuration say is what the service does.
+//! The reference and the schema of the configuration agree with the behaviour of the service.
 
 use daemon::assemble;
 use daemon::config::{ConfigFile, PRESETS, reference};

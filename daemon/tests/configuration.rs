@@ -1,5 +1,5 @@
-//! A configuration that cannot work is refused with its place, what was found and what would be accepted,
-//! and nothing is started.
+//! A configuration that cannot work is refused: the message has the place, what was found and what would be accepted, and
+//! nothing is started.
 
 use crate::common::{Daemon, TestDomain, finished};
 use daemon::assemble;

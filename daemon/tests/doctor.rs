@@ -1,4 +1,4 @@
-//! `daemon doctor`, as a person and as a script meet it: it measures, it names what would help, it breaks nothing.
+//! `daemon doctor` as text and as JSON: it measures, names remedies, and changes nothing.
 
 use crate::common::{Daemon, TestDomain, Unprivileged, daemon_command, finished};
 use rustix::process::Signal;

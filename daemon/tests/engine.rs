@@ -1,4 +1,4 @@
-//! The engine, called as the loop calls it and with the test's own clock: what good and bad samples do to estimates and counts.
+//! The engine, called as the loop calls it, with the test's own clock: the effect of good and bad samples on estimates and counts.
 
 use daemon::assemble;
 use daemon::config::{Config, ConfigFile};

@@ -1,4 +1,4 @@
-//! `daemon iceoryx2-config`: a program of others that reads it joins the domain.
+//! `daemon iceoryx2-config`: a program that is not ours joins the domain with this configuration.
 
 use crate::common::{Daemon, TestDomain, daemon_command, finished};
 use iceoryx2::config::Config;

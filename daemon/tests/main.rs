@@ -1,7 +1,7 @@
 //! The daemon's integration tests, in one program.
 //!
-//! Each file tests one story. What decides an estimate is tested without a clock (`engine`, `same_bits`, `properties`); the
-//! other files start the real program in a domain of their own (`common`).
+//! Each file has one topic. `engine`, `same_bits` and `properties` test what determines an estimate, without a clock. The
+//! other files start the real program in a domain of its own (`common`).
 
 mod access;
 mod c_client;

@@ -1,4 +1,4 @@
-//! What holds for every stream of samples and for every domain's name, tried with random ones.
+//! Properties of every stream of samples and of every domain's name, tested with random ones.
 
 use daemon::config::{InputConfig, SourcePolicy};
 use daemon::gate::Gate;

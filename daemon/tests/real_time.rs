@@ -1,4 +1,4 @@
-//! What the loop asks of the system is asked, read back and told: of a real process, from outside.
+//! Real-time settings of a real process, observed from outside: they are applied, read back and reported.
 
 use crate::common::{Daemon, TestDomain, Unprivileged, daemon_command, finished, preset_between, wait_until};
 use rustix::thread::CapabilitySet;

@@ -1,4 +1,4 @@
-//! The service as its users meet it: a real process, real shared memory, good and bad input.
+//! The service as a real process with real shared memory, under good and bad input.
 
 use crate::common::{Daemon, PATIENCE, TestDomain, daemon_command, finished, preset_between, wait_until};
 use iceoryx2::prelude::*;

@@ -1,4 +1,4 @@
-//! What systemd hears: readiness, a watchdog fed by ticks alone, the end.
+//! The notifications to systemd: readiness, the watchdog, which only ticks feed, and the end.
 
 use crate::common::{Daemon, PATIENCE, TestDomain, daemon_command, wait_until};
 use rustix::process::Signal;

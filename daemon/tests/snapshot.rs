@@ -1,5 +1,4 @@
-//! What was learned outlives the service: written down whole, taken over to the bit, refused where it means something
-//! else.
+//! Snapshots: what was learned is written completely, resumed to the bit, and refused if its design is another one.
 
 use crate::common::{Daemon, PATIENCE, TestDomain, daemon_command, finished, preset_between, wait_until};
 use daemon::ServiceFiles;

@@ -1,4 +1,4 @@
-//! The examples at the end of every help: under the program's name, and accepted by the program.
+//! The examples at the end of every help text: they use the program's name, and a test checks that the program accepts them.
 
 use crate::program::command;
 use clap::{ArgMatches, Command, Parser};

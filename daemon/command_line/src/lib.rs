@@ -1,7 +1,7 @@
-//! What the command lines of all programs have in common: each ends its help in examples that it accepts itself, prints
-//! its completions, writes its man pages, and goes by the name it is installed under.
+//! What the command lines of all programs share: examples at the end of each help text, completions, man pages, and the
+//! name under which the program is installed. Depends on no other crate of this workspace.
 //!
-//! A program says what is its own, as a type that derives [`clap::Parser`], and begins with
+//! A program declares its arguments as a type that derives [`clap::Parser`], and begins with
 //!
 //! ```
 //! # use clap::Parser;
@@ -25,13 +25,13 @@
 //! # assert!(command_line::faults_of_help::<Arguments>().is_empty());
 //! ```
 //!
-//! and has a test that [`faults_of_help`] finds none. Depends on nothing of ours.
+//! A test of each program checks that [`faults_of_help`] finds none.
 //!
 //! | module | holds |
 //! |---|---|
 //! | `program` | reading the arguments |
 //! | `manual` | completions and man pages |
-//! | `examples` | what a test asks of every help |
+//! | `examples` | the check of the examples in every help text |
 
 mod examples;
 mod manual;

@@ -1,4 +1,4 @@
-//! The commands that every program has: completions and man pages, made from its command line.
+//! The commands `completions` and `man-pages` of every program, made from its command line.
 
 use clap::{Command, Subcommand, ValueEnum, ValueHint};
 use clap_complete::{Shell, generate};

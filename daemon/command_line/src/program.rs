@@ -1,4 +1,4 @@
-//! A program's command line: its own, with the commands that every program has, under the name it is installed as.
+//! A program's command line: its own arguments and the common commands, under the name that it is installed as.
 
 use crate::manual::{Manual, with_examples};
 use clap::builder::StyledStr;

@@ -1,7 +1,7 @@
 //! The channels' tables `[translation]`, `[rotation]` and `[linear]`: one table of keys for the three.
 //!
-//! The macro's body is the table of the keys that every channel has. Its three uses give each channel's names (with their
-//! units), types, words, examples, and the keys that this channel alone has.
+//! The body of the macro is the table of the keys that every channel has. The macro is used three times, each time with a
+//! channel's names (with units), types, words, examples, and the keys that only this channel has.
 
 use crate::values::{
     DeadZoneName, GyroscopicTorqueName, KernelName, LengthScaleConfig, SolverConfig, SquareMatrix,

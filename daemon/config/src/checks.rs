@@ -1,4 +1,4 @@
-//! Bounds and combinations of keys that need neither the mathematics nor a look at the machine.
+//! Checks of bounds and combinations of keys. They need neither the observer nor the machine.
 
 use crate::file::{ConfigError, ConfigFile};
 use crate::reference;

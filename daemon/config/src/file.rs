@@ -1,4 +1,4 @@
-//! A configuration with the text that it came from: reading, messages that name the line, printing.
+//! A configuration together with its text: reading, error messages that name the line, printing.
 
 use crate::presets::PRESETS;
 use crate::schema;

@@ -1,19 +1,19 @@
-//! The service's configuration as pure data: TOML in, values out; messages with line and suggestion; the reference.
+//! The service's configuration as pure data: its types, reading and printing TOML, error messages, the reference.
 //!
-//! Nothing is built here: `daemon::assemble` makes observers of it. This crate depends on none of ours.
+//! Nothing is built here: `daemon::assemble` makes observers of a configuration. Depends on no other crate of this workspace.
 //!
 //! | module | holds |
 //! |---|---|
-//! | [`service`] | the root and the tables without a channel |
-//! | [`channels`] | the one table of the channels' keys |
+//! | [`service`] | the root, and the tables that do not belong to a channel |
+//! | [`channels`] | the table of the channels' keys |
 //! | [`values`] | matrices, kernels, solvers, words |
 //! | [`real_time`] | `[real_time]` |
 //! | [`file`](mod@file) | a configuration with its text: reading, messages, printing |
-//! | [`checks`] | bounds and combinations that need neither the mathematics nor a look at the machine |
-//! | [`schema`], [`reference`](mod@reference) | what editors and people read, made from the types |
+//! | [`checks`] | bounds and combinations of keys |
+//! | [`schema`], [`reference`](mod@reference) | the JSON schema and the reference, made from the types |
 //!
-//! Keys carry their units; an unknown key is an error. Every message says where (file and line), what was found, and what
-//! would be accepted. A new key is one field of a type here; reference and schema follow by
+//! Keys carry their units; an unknown key is an error. Every error message names file and line, what was found, and
+//! what would be accepted. A new key is one field of a type here. Reference and schema are made anew by
 //! `UPDATE_REFERENCE=1 cargo test -p daemon_config`.
 
 pub mod channels;

@@ -1,4 +1,4 @@
-//! `[real_time]`: what the service's loop asks of the system.
+//! The table `[real_time]`: the settings that the service's loop requests from the system.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};

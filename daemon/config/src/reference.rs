@@ -1,5 +1,5 @@
-//! The reference of the configuration, for people and for editors, made from its types: `daemon config-reference`, and
-//! `docs/configuration.md` and `docs/configuration.schema.json`, which a test compares with it.
+//! The reference of the configuration, made from its types: `daemon config-reference`, `docs/configuration.md` and
+//! `docs/configuration.schema.json`. A test compares the two files with it.
 
 use crate::schema::{self, SCHEMA, properties, table};
 use serde_json::Value;

@@ -1,4 +1,4 @@
-//! The JSON schema of the configuration, from its types: what editors complete and check, and what every key means.
+//! The JSON schema of the configuration, made from its types. Editors complete and check keys with it.
 
 use crate::service::Config;
 use schemars::generate::SchemaSettings;

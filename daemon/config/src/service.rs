@@ -1,4 +1,4 @@
-//! The configuration's root and its tables without a channel: service, initial state, input, deadlines, snapshots.
+//! The root of the configuration, and the tables that do not belong to a channel: initial state, input, deadlines, snapshots.
 
 use crate::channels::{LinearConfig, RotationConfig, TranslationConfig};
 use crate::real_time::RealTimeConfig;

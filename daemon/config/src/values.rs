@@ -1,4 +1,4 @@
-//! Values of keys that are more than a number: matrices, kernels, solvers, length scales, words.
+//! Types of values that are not single numbers: matrices, kernels, solvers, length scales, words.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};

@@ -1,4 +1,4 @@
-//! What a record consists of.
+//! The parts of a record: sessions, entries, frames.
 
 use serde::{Deserialize, Serialize};
 use shared_types::payload::{Estimate, Measurement};

@@ -1,13 +1,13 @@
-//! The flight record: every sample, command and tick of the service's loop, in a file that replays to the same bits.
+//! The file format of flight records: every sample, command and tick of the service's loop, replayable to the same bits.
 //!
-//! This crate is the file format alone. The daemon writes it, the importers and the bench read it. It depends on
-//! `shared_types`; it knows neither the engine nor the configuration, which are text and bytes here.
+//! The daemon writes records; the importers and the bench read them. This crate depends on `shared_types` and knows neither
+//! engine nor configuration: it stores a checkpoint as bytes and a configuration as text.
 //!
 //! | file | holds |
 //! |---|---|
 //! | `frame` | what a record consists of: [`Session`], [`Entry`], [`Frame`] |
 //! | `writer` | [`Writer`]: appends a session and its entries to a file |
-//! | `reader` | [`Reader`]: frame by frame, past torn places |
+//! | `reader` | [`Reader`]: reads frame by frame and skips torn ones |
 //! | `mark` | the bytes before a session, and the version in them |
 //!
 //! A file is a sequence of sessions, one for each start of the service:
@@ -19,7 +19,7 @@
 //! | 4 | CRC-32 of the frame |
 //! | … | [`Frame`] as postcard |
 //!
-//! A kill costs one buffer at most. Reading continues at the next session's mark.
+//! A kill loses at most one buffer. After a torn frame, reading continues at the next session's mark.
 
 mod frame;
 mod mark;

@@ -1,4 +1,4 @@
-//! Reads a record frame by frame, past torn places.
+//! Reads a record frame by frame. Torn frames are skipped and counted.
 
 use crate::frame::Frame;
 use crate::mark::{MARK, check_version};

@@ -1,22 +1,21 @@
 //! The monitor: a live view of the estimation service in a terminal, recordings, and a live stream for Foxglove and
-//! PlotJuggler. It runs outside of the real-time process.
+//! PlotJuggler. It is a process beside the service. Depends on `shared_types` and `command_line`, never on the service or
+//! the simulator.
 //!
-//! A monitor needs one iceoryx2 node, one of the [`shared_types::service::MAX_READERS`] subscribers of each topic, and one
-//! client while a command is under way. It copies every message and holds no sample. The service never waits for it: a
-//! monitor that is slow or stopped misses the oldest messages.
+//! A monitor uses one iceoryx2 node, one of the [`shared_types::service::MAX_READERS`] subscribers of each topic, and one
+//! client while a command is under way. It copies every message and holds no loan. The service never waits for it: a
+//! monitor that is slow or stopped loses the oldest messages.
 //!
 //! | module | holds |
 //! |---|---|
 //! | [`link`] | one instance, followed across its restarts |
-//! | [`model`] | what is known of it: the newest estimate and status, the past, the error against the truth |
-//! | [`view`] | what the terminal shows of the model; what each word of the status means |
+//! | [`model`] | the newest estimate and status, their history, the error against the truth |
+//! | [`view`] | the terminal's view of the model; the meaning of each word of the status |
 //! | [`lines`] | `--once` and `--json` |
-//! | [`topics`], [`messages`] | what a recording and a live stream carry: channels, and their messages with schemas |
-//! | [`motion`] | Foxglove's own messages, where they say the same as ours |
+//! | [`topics`], [`messages`] | contents of a recording and a live stream: channels, and their messages with schemas |
+//! | [`motion`] | Foxglove's own messages for pose, velocities and log |
 //! | [`record`], [`serve`] | an MCAP file; a WebSocket server |
-//! | [`cli`] | arguments |
-//!
-//! Depends on `shared_types` and `command_line`, never on the service or the simulator.
+//! | [`cli`] | the command line |
 
 pub mod cli;
 pub mod lines;

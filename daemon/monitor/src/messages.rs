@@ -1,5 +1,5 @@
-//! The service's messages as files and the wire carry them: Protocol Buffers with their schema, made from the tables of
-//! [`shared_types::payload`].
+//! The service's messages in recordings and live streams: Protocol Buffers with their schema, made from the tables of
+//! [`shared_types::payload`]. Depends on these tables alone.
 //!
 //! | field of a payload | in a recording |
 //! |---|---|
@@ -11,7 +11,7 @@
 //! | not valid, unknown, or of a plant that is not estimated | absent |
 //!
 //! Names and units are those of the payload (`attitude_wxyz` is `attitude`). Everything else is written, infinities and
-//! zeros too: a recording holds the bits that were sent. Depends on the tables alone.
+//! zeros too: a recording holds the bits that were sent.
 
 use foxglove::bytes::BufMut;
 use foxglove::prost_types::field_descriptor_proto::{Label, Type};

@@ -1,4 +1,4 @@
-//! What is shown, from what the service publishes. Time is an argument: nothing here reads a clock.
+//! The model of what is shown, made from the messages of the service. Time is an argument: nothing here reads a clock.
 
 pub mod history;
 pub mod truth;

@@ -1,4 +1,4 @@
-//! Foxglove's own messages, where they say the same as ours: `Odometry`, `FrameTransform` and `Log`.
+//! Our messages as Foxglove's own: `Odometry`, `FrameTransform` and `Log`.
 
 use foxglove::messages::{FrameTransform, Log, Odometry, Pose, Timestamp, log::Level};
 use shared_types::payload::{self, status_bits};

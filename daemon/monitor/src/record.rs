@@ -1,8 +1,8 @@
-//! `monitor record`: an MCAP file of everything that passes.
+//! `monitor record`: writes all messages of an instance to an MCAP file.
 //!
-//! One thread reads shared memory, another writes: a disk that stalls for seconds delays nothing. A chunk is written in one
-//! piece at least twice a second. A recording that ends suddenly, by `kill -9`, is therefore complete up to its last chunk,
-//! and readers with recovery (`mcap recover`, `sim_publisher replay`) read it. Nothing is promised for a power failure.
+//! One thread reads shared memory and another writes, so a disk that stalls for seconds delays no reading. A chunk is
+//! written in one piece at least twice a second. After `kill -9` a recording is therefore complete up to its last chunk, and
+//! readers with recovery (`mcap recover`, `sim_publisher replay`) can read it. A power failure may lose more.
 
 use crate::link::{Announcer, LOOK_EVERY, Link, News, Whence};
 use crate::topics::{Tally, Topics, WallClock};

@@ -1,7 +1,7 @@
-//! `monitor serve`: the same topics live, over Foxglove's WebSocket protocol.
+//! `monitor serve`: the topics of a recording live, over Foxglove's WebSocket protocol.
 //!
 //! Every client that reaches the port can read everything and change nothing; there is no password and no encryption. A
-//! viewer that is too slow misses the oldest messages.
+//! viewer that is too slow loses the oldest messages.
 
 use crate::link::{Announcer, LOOK_EVERY, Link, Whence};
 use crate::topics::{Topics, WallClock};

@@ -1,4 +1,4 @@
-//! The service's messages on Foxglove's channels: the same for a file and for a live stream.
+//! The service's messages on Foxglove's channels, for files and live streams alike.
 //!
 //! | topic | schema | what |
 //! |---|---|---|
@@ -10,8 +10,8 @@
 //! | `/tf` | `foxglove.FrameTransform` | where the body is, in frame `NAME` |
 //! | `/NAME/log` | `foxglove.Log` | changes of the status, restarts, and what is missing |
 //!
-//! A message's time is its stamp on the wall clock, limited to its receipt and to rising times on its topic: a source's
-//! clock may be wrong, but a viewer's time must not run backwards. The stamp itself is a field of the message.
+//! A message's time is its stamp, converted to the wall clock. It is never later than the receipt and never decreases on a
+//! topic: a source's clock may be wrong, but a viewer needs increasing times. The stamp itself is a field of the message.
 
 use crate::link::News;
 use crate::messages::Recorded;

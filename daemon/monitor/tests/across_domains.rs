@@ -1,8 +1,8 @@
-//! docs/across-machines.md as it stands: two domains on one machine, each with a tunnel of iceoryx2's own link, zenoh
-//! between them over loopback, and a monitor in the second one that follows the vehicle in the first.
+//! The recipe of docs/across-machines.md: two domains on one machine, each with a tunnel of iceoryx2's link, zenoh between
+//! them over loopback, and a monitor in the second domain that follows the vehicle in the first.
 //!
-//! Prints what the link costs and asserts nothing of it. `OBSERVER_TUNNEL` names a tunnel that is built already,
-//! `OBSERVER_WAKE` how it wakes up (`--poll 1`, `--reactive`), `OBSERVER_SECONDS` how long is measured.
+//! The test prints what the link costs and asserts no times. `OBSERVER_TUNNEL` names a tunnel that is already built,
+//! `OBSERVER_WAKE` its way to wake up (`--poll 1`, `--reactive`), `OBSERVER_SECONDS` the duration of the measurement.
 
 use crate::programs::{MONITOR, service, vehicle};
 use iceoryx2::prelude::*;

@@ -1,7 +1,8 @@
-//! The monitor against made-up models, against real services, and against what public readers make of its files.
+//! The integration tests of the monitor, in one program, which is linked once: made-up models, real services, and public
+//! readers of its files.
 //!
-//! One program for all of them: it is linked once. Cargo builds `monitor` for it, but neither the service nor the
-//! simulator: this program plays them (`testkit::Program::played`).
+//! Cargo builds `monitor` for these tests, but neither the service nor the simulator. This program runs as either of them
+//! (`testkit::Program::played`).
 
 mod across_domains;
 mod lines;

@@ -1,8 +1,8 @@
 //! `monitor record` and `monitor serve` against real services, read by public readers: the Python packages of MCAP and a
-//! WebSocket client, in an environment of their own (skipped, and said so, where Python is missing).
+//! WebSocket client, in a Python environment of their own. Without Python the tests report that they were skipped.
 //!
-//! Vehicles send at 50 Hz: the queue of 64 samples then lasts for a second, so that the recorder beside the test misses none
-//! even where other tests take the processor.
+//! Vehicles send at 50 Hz. The queue of 64 samples then lasts for a second, so that the test's recorder loses none even if
+//! other tests use the processor.
 
 use crate::programs::{MONITOR, monitor, service, simulator, vehicle};
 use importers::{CsvMap, ImportOptions, Mcap, read_flight};

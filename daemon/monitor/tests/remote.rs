@@ -1,6 +1,6 @@
-//! `--remote`: a service on another machine, played by a plain iceoryx2 node that publishes in the monitor's domain as
-//! the link does: with iceoryx2's own qualities (two samples wait, none is kept for late readers), with stamps of
-//! another machine's clock, and without a claim on the instance.
+//! `--remote`: a plain iceoryx2 node stands in for a service on another machine. It publishes in the monitor's domain as the
+//! link does: with iceoryx2's default qualities (two samples wait, late readers get none), with stamps of another machine's
+//! clock, and without a claim on the instance.
 
 use crate::programs::MONITOR;
 use iceoryx2::config::Config;

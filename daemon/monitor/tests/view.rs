@@ -1,4 +1,4 @@
-//! What stands on the screen, for made-up statuses and many sizes.
+//! The contents of the screen, for made-up statuses and many sizes.
 
 use monitor::link::News;
 use monitor::model::Model;

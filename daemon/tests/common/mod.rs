@@ -1,4 +1,4 @@
-//! The daemon as a real process: what these tests add to `testkit`.
+//! Helpers of these tests beside `testkit`: the daemon as a process.
 
 #![allow(dead_code, unused_imports, unreachable_pub)] // each test file uses its part
 

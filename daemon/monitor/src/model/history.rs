@@ -1,4 +1,4 @@
-//! What a quantity was over the last minutes, a second to a bucket; how often a latency fell where.
+//! The history of a quantity over the last minutes, in buckets of a second; the histogram of a latency.
 
 use std::collections::VecDeque;
 

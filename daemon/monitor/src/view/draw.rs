@@ -1,4 +1,4 @@
-//! Where things stand on the screen: a pure function of model, view and size.
+//! The layout of the screen: a pure function of model, view and size.
 //!
 //! 80 columns and 24 lines show everything essential. More lines make the traces taller and show more notes and facts; more
 //! columns make the traces longer. A smaller terminal shows lines of text, the most important first.

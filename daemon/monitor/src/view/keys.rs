@@ -1,4 +1,4 @@
-//! What the keys do: the bottom line, which also shows questions and answers, and the help.
+//! The keys: the bottom line, which also shows questions and answers, and the help.
 
 use crate::model::Model;
 use crate::view::format::cut;

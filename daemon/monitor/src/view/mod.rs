@@ -1,19 +1,19 @@
-//! The view: what the terminal and `--once` show of a [`Model`](crate::model::Model).
+//! The view of a [`Model`](crate::model::Model), in the terminal and for `--once`.
 //!
-//! Every file depends on the ones above it in this table, and on nothing below:
+//! A file may depend on those above it in this table, not on those below:
 //!
 //! | module | holds |
 //! |---|---|
 //! | [`mod@format`] | numbers and times in few characters |
-//! | [`status_words`] | what each word of the status means, and what to do about it |
-//! | [`notes`] | all there is to know now, counts included; the verdict |
+//! | [`status_words`] | the meaning of each word of the status, and what to do about it |
+//! | [`notes`] | notes on the present state, and the overall verdict |
 //! | [`theme`] | colours |
 //! | [`sections`] | the view as lines of text |
 //! | [`state`] | what the operator has chosen to see |
-//! | [`keys`] | what the keys do: the bottom line and the help |
+//! | [`keys`] | the keys: the bottom line and the help |
 //! | [`pictures`] | traces over time, the histogram |
-//! | [`draw`] | where everything stands on the screen |
-//! | [`screen`] | the terminal: when to draw, and obeying the keys |
+//! | [`draw`] | the layout of the screen |
+//! | [`screen`] | the terminal: when to draw, and what each key does |
 
 pub mod draw;
 pub mod format;

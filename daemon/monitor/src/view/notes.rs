@@ -1,4 +1,4 @@
-//! What there is to know now, in plain English, and the verdict of all of it.
+//! Notes on the present state, as sentences, and the overall verdict.
 //!
 //! The words of the status are explained in [`status_words`](crate::view::status_words).
 

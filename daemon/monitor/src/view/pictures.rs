@@ -1,4 +1,4 @@
-//! Pictures of the past: traces over time, and how often a latency fell where.
+//! Graphics of the history: traces over time, and the histogram of a latency.
 
 use crate::model::history::Histogram;
 use crate::view::theme::Theme;

@@ -1,7 +1,7 @@
-//! The live view: a thread that reads, a loop that draws and listens to keys.
+//! The live view: one thread reads messages, another draws and handles keys.
 //!
-//! Neither thread waits for the other: a stopped terminal does not delay reading, nor a silent service the keys. Only what
-//! has changed is written to the terminal, a few times a second, so that a slow link can carry it.
+//! Neither thread waits for the other: a stopped terminal does not delay reading, and a silent service does not delay the
+//! keys. Only changes are written to the terminal, a few times a second, so that a slow link suffices.
 
 use crate::link::{Link, News, Whence};
 use crate::model::Model;

@@ -1,4 +1,4 @@
-//! The parts of the view as lines of text: their content, not their place.
+//! The parts of the view as lines of text. [`draw`](crate::view::draw) places them.
 
 use crate::model::{Model, Part, Presence, Vector};
 use crate::view::format::{cut, duration, duration_ns, magnitude, micros, number, running, wrapped};

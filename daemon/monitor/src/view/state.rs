@@ -1,4 +1,4 @@
-//! What the operator has chosen to see, and what the screen has to tell him.
+//! The state of the view: what the operator has chosen to see, and messages to the operator.
 
 use crate::view::status_words::Level;
 use crate::view::theme::Theme;

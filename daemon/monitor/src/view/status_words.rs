@@ -1,7 +1,7 @@
-//! What each word of an estimate's status means to the operator, and what to do about it: one row a word.
+//! The meaning of each word of an estimate's status for the operator, and what to do about it: one row per word.
 //!
-//! What sets a bit is said at the bit ([`shared_types::payload::status_bits`]); counts, the service's start and the
-//! verdict of all of it are in [`notes`](crate::view::notes).
+//! [`shared_types::payload::status_bits`] documents what sets a bit. Counts, the service's start and the overall verdict are
+//! in [`notes`](crate::view::notes).
 
 use crate::model::{Model, Part};
 use crate::view::format::{duration, duration_ns};

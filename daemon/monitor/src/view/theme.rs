@@ -1,4 +1,4 @@
-//! Colours, and bold or reversed text in their place. Every colour has a word beside it: none is needed.
+//! Colours, or bold and reversed text in their place. The view is complete without colours: each repeats a word beside it.
 
 use crate::view::status_words::Level;
 use ratatui::style::{Color, Modifier, Style};
