@@ -1,4 +1,4 @@
-//! The vehicle's side: publish measurements, read estimates, send commands.
+//! The client of a vehicle's process or a reader: publish measurements, read estimates, send commands.
 
 use crate::clock::monotonic_ns;
 use crate::payload::{Command, Estimate, Measurement, Reply, Status, Truth};

@@ -1,18 +1,18 @@
-//! What crosses shared memory between a vehicle's process and the estimation service.
+//! The messages between a vehicle's process and the estimation service, and the clients that exchange them in shared memory.
 //!
 //! | module | holds |
 //! |---|---|
 //! | [`payload`] | the fixed-size messages: one table each |
 //! | [`table`] | what a table is, and the macros that make structs of it |
-//! | [`service`] | service names and qualities, in one place |
-//! | [`client`] | what a vehicle's process or a reader uses: publish, wait, peek, command |
-//! | [`clock`] | the one clock of all time stamps |
-//! | [`terminal`] | lines of the programs, to readers that may be gone |
+//! | [`service`] | service names and qualities |
+//! | [`client`] | the client of a vehicle's process or a reader: publish, wait, peek, command |
+//! | [`clock`] | the clock of all time stamps |
+//! | [`terminal`] | printing lines to a terminal or pipe that may be closed |
 //!
-//! [`domain`] is a crate below this one; it says which shared memory. This crate depends on it and on iceoryx2, and on no
+//! The crate [`domain`] determines which shared memory is used. This crate depends on `domain` and on iceoryx2, and on no
 //! other crate of the workspace (its tests start a daemon).
 //!
-//! # Next to your own process
+//! # In your own process
 //!
 //! ```
 //! use shared_types::{Client, Domain, Measurement, clock};

@@ -1,13 +1,13 @@
-//! Service names and qualities: how the daemon makes a service and how everyone else opens it.
+//! Names and qualities of the iceoryx2 services: how the daemon creates a service and how other processes open it.
 //!
-//! Only the daemon makes services; all other processes open them, and wait until they can.
+//! Only the daemon creates services. All other processes open them, and wait until they exist.
 //!
 //! [`Published`] has the table of topics. `NAME/control` is a request-response service: [`Command`] from an operator,
 //! [`Reply`] from the daemon.
 //!
-//! A reader that only wants the newest estimate subscribes with a buffer of one: overflow then keeps just that.
-//! A blackboard would be the obvious place, but in iceoryx2 0.10.0 an entry whose writer was killed cannot
-//! be written again while any reader lives (upstream issue 2008), and a frozen estimate looks like a live one.
+//! A reader that needs only the newest estimate subscribes with a buffer of one, in which a new message replaces the old
+//! one. A blackboard would be the obvious means. But in iceoryx2 0.10.0 an entry whose writer was killed cannot be written
+//! again while any reader lives (upstream issue 2008), and readers cannot distinguish such an estimate from a live one.
 
 use crate::payload::{Command, Estimate, Measurement, Reply, Status, Truth};
 use domain::{Domain, DomainError};

@@ -1,4 +1,4 @@
-//! What a payload's table is: one row for each field, from which everything else that lists fields is made.
+//! The table of a payload: one row for each field. Everything else that lists fields is made from it.
 //!
 //! | made from a table | by |
 //! |---|---|
@@ -10,7 +10,7 @@
 //!
 //! A row: documentation, name, type, then `where BIT = place` if a bit of `valid` says whether the field carries
 //! something, then in braces those columns of [`Field`] that differ from their defaults. [`crate::payload`] has the
-//! tables. Depends on nothing.
+//! tables. Depends on no other file.
 
 /// The numbers that a payload is made of.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -1,5 +1,5 @@
-//! Lines for people and scripts. A reader that has gone (`| head`, a closed terminal) is no error: the
-//! programs go on, where `println!` and `eprintln!` would end them.
+//! Printing lines to stdout and stderr. A reader that has ended (`| head`, a closed terminal) is not an error: the program
+//! continues, where `println!` and `eprintln!` would panic.
 
 /// A line of results, to stdout.
 #[macro_export]

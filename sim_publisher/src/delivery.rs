@@ -1,4 +1,4 @@
-//! What is on its way from the source to the service.
+//! Deliveries: what is on its way from the source to the service.
 
 use crate::simulation::SimulatedSample;
 use shared_types::{Measurement, Truth};

@@ -1,4 +1,4 @@
-//! Coloured noise: the part of the truth that is no function of the motion.
+//! Coloured noise: the part of the true force that is not a function of the motion.
 
 use nalgebra::Vector3;
 use rand_chacha::ChaCha8Rng;

@@ -1,5 +1,5 @@
-//! Faults on purpose: between the sensors and publication, each sample becomes none, one or two that are sent, now or
-//! later. No clock and no file: the same faults of the same samples with the same seed give the same bits.
+//! Injects faults between the sensors and publication: a sample becomes none, one or two that are sent, now or later. No
+//! clock and no file: the same samples, faults and seed give the same bits.
 //!
 //! A sample passes in this order, and within each step in the order in which the faults are stated:
 //!
@@ -10,7 +10,7 @@
 //! | its stamp | clock-jump |
 //! | its way | delay, reorder, duplicate |
 //!
-//! Processes that stop or die are not done here ([`crate::supervise`] does that); here their samples are counted.
+//! [`crate::supervise`] stops and kills processes; this file only counts the samples that are lost with them.
 
 mod spec;
 

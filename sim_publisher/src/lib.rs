@@ -1,21 +1,20 @@
-//! The vehicle's side of the service without a vehicle: a true plant with sensors and faults, or a recorded
-//! flight, published as live samples.
+//! Publishes live samples in place of a vehicle: a simulated true plant with sensors and faults, or a recorded flight.
 //!
-//! It depends on `shared_types`, and on two crates in its rooms: `importers` reads recorded flights, `mavlink_bridge` (a
-//! Cargo feature) speaks to a live vehicle. It depends neither on the service nor on the observer: the true plant shares no
-//! model and no integrator with them, so that the two cannot flatter each other.
+//! Depends on `shared_types`, `command_line`, and two crates in its folder: `importers` reads recorded flights, and
+//! `mavlink_bridge` (a Cargo feature) connects to a live vehicle. It depends neither on the service nor on the observer: the
+//! true plant shares no model and no integrator with them, so a common error cannot make the estimates look better.
 //!
 //! | module | holds |
 //! |---|---|
-//! | [`plant`] | a rigid body under a held command, RK4; what a nominal plant leaves out of it |
+//! | [`plant`] | a rigid body under a held command, integrated by RK4; the forces that a nominal plant omits |
 //! | [`scenario`] | four vehicles: the paper's two examples, a quadcopter, an underwater vehicle |
 //! | [`disturbance`] | coloured noise: gusts, the variation of a current |
-//! | [`sensors`] | what is measured of the truth, when, how badly, and which samples never arrive |
+//! | [`sensors`] | measurements of the truth: errors, instants, dropouts |
 //! | [`delivery`] | what is on its way to the service |
-//! | [`faults`] | what goes wrong on purpose, and when: a pure stage between samples and publication |
-//! | [`simulation`] | all of them together: an iterator over samples, without clock or files |
-//! | [`publish`] | samples into shared memory, each at its own stamp |
-//! | [`supervise`] | the publishing process stopped, killed and started again, on purpose |
+//! | [`faults`] | injected faults: a pure stage between samples and publication |
+//! | [`simulation`] | an iterator over samples of plant, sensors and faults, without clock or files |
+//! | [`publish`] | publishing samples in shared memory, each at its stamp |
+//! | [`supervise`] | stopping, killing and restarting the publishing process, as a fault |
 //! | [`cli`] | the command line; no other file imports it |
 //!
 //! ```

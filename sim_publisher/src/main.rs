@@ -1,4 +1,4 @@
-//! The true plant, or a recorded flight, as live samples.
+//! The program `sim_publisher`; see `sim_publisher --help`.
 
 use std::process::ExitCode;
 

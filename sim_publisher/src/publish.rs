@@ -1,8 +1,7 @@
-//! Samples into shared memory, each at its own stamp.
+//! Publishes samples in shared memory, each at its stamp.
 //!
-//! Stamps are made from the start of the run and the samples' own times, never from the time of waking up:
-//! what is published is repeatable but for its start. A sample is published at its stamp or, where this
-//! process was late, after it; never before.
+//! Stamps follow from the start of the run and the samples' own times, not from the times of waking up, so a run is
+//! repeatable except for its start. A sample is published at its stamp or, if this process is late, after it; never before.
 
 use crate::delivery::{Delivery, Outgoing};
 use serde::{Deserialize, Serialize};

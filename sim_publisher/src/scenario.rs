@@ -1,4 +1,4 @@
-//! The vehicles: what each truly is, what the service is told, how it is flown and what it measures.
+//! The simulated vehicles: the true plant, the nominal plant that the service is configured with, controller and sensors.
 //!
 //! | scenario | unknown to the nominal plant | ξ | measured |
 //! |---|---|---|---|
@@ -7,8 +7,8 @@
 //! | `rigid-body` | payload, drag in wind, rotor drag, offset center of mass, another inertia | gusts | inertial velocity, angular velocity, attitude |
 //! | `auv` | added mass, damping, Coriolis, buoyancy, current | variation of the current | body velocity at 10 Hz, angular velocity, attitude |
 //!
-//! The controllers know the true state and the nominal plant, as in the paper: they make the motion, they
-//! are not under test. Every vehicle starts on its reference.
+//! The controllers use the true state and the nominal plant, as in the paper. They only generate the motion and are not under
+//! test. Every vehicle starts on its reference trajectory.
 
 pub mod auv;
 mod definition;

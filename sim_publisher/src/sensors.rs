@@ -1,7 +1,7 @@
-//! What is measured of the truth: with which errors, at which instants, and which samples never arrive.
+//! The sensors: measurements of the truth, with their errors, instants and dropouts.
 //!
-//! Every kind of chance has a random stream of its own, and each draws once per sample whether the value is
-//! used or not: dropouts do not change the noise, and neither does another rate of fixes.
+//! Each source of randomness has a random stream of its own, from which it draws once per sample, whether the value is used
+//! or not. Neither dropouts nor another rate of fixes therefore change the noise.
 
 use crate::disturbance::white;
 use crate::plant::{State, Wrench};

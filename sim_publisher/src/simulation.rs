@@ -1,5 +1,5 @@
-//! A vehicle, its sensors and its faults: an iterator over samples. No clock, no file: the same options give
-//! the same bits.
+//! Simulates a vehicle with sensors and faults, as an iterator over samples. No clock, no file: the same options give the
+//! same bits.
 //!
 //! Sample j is taken at `t_j`; the command computed from the true state at `t_j`, and the disturbance, are held
 //! until `t_{j+1}`. The truth beside a sample is the true state at `t_j`, with f and ξ of the same instant.

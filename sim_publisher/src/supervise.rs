@@ -1,11 +1,11 @@
-//! Stops and kills of the publishing process, carried out on a real one.
+//! Stops and kills the publishing process, as faults.
 //!
-//! With such a fault `sim_publisher run` does not publish itself: it starts itself once more as a *worker*, with the
-//! same arguments, and sends that one SIGSTOP, SIGCONT and SIGKILL at the faults' times. A worker that is started after
-//! a kill is told the start of the run. The simulation follows from its options alone, so it catches up with the vehicle
-//! that flew on, and publishes from now on. What was due while no process was there is not sent.
+//! With such a fault `sim_publisher run` does not publish itself. It starts itself again as a *worker*, with the same
+//! arguments, and sends the worker SIGSTOP, SIGCONT and SIGKILL at the faults' times. A worker that is started after a kill
+//! gets the start time of the run. Since the simulation depends only on its options, the worker computes it up to the
+//! present and publishes from there. Samples that were due while no worker ran are not sent.
 //!
-//! A worker says on its stdout when it starts to publish, and at its end what it did: one JSON document a line.
+//! A worker writes to its stdout, as one JSON document per line, when it starts to publish and, at its end, what it did.
 
 use crate::faults::{Fault, Kind, Reach};
 use crate::publish::Published;

@@ -1,4 +1,4 @@
-//! The channels of a vehicle by name, and the one face through which they are saved, restored, loaded and forgotten.
+//! The channels of a vehicle by name, and the trait through which any of them is saved, restored, loaded and reset.
 
 use crate::innovation_gate::InnovationGate;
 use crate::plant::attitude::Attitude;

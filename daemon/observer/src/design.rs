@@ -1,4 +1,4 @@
-//! What the channels of a rigid body are made of, and the checks that every design shares.
+//! The designs of a rigid body's channels, and the checks that all designs share.
 
 use crate::error::{DesignError, Parameter};
 use crate::function::learned::LearnedFunction;

@@ -1,4 +1,4 @@
-//! Why a design cannot be used.
+//! The error of a design that cannot be used.
 
 /// The parameter of a design that cannot be used.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

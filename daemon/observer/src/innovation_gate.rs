@@ -1,15 +1,15 @@
-//! Which outputs are accepted: one whose innovation ỹ is far larger than those before it is an outlier of the sensor
-//! rather than a jump of the vehicle.
+//! Decides which outputs are accepted. An output whose innovation ỹ is far larger than those before it is treated as an
+//! outlier of the sensor.
 //!
 //! ```text
 //! ỹ is an outlier  ⇔  ‖ỹ‖ > c (d + s),      s ← s + a (‖ỹ‖ − s) for each ỹ that is accepted,  a = 1/20
 //! ```
 //!
-//! with the dead zone's width d and the running scale s. A motion of the vehicle, an impact or a gust included, lasts,
-//! and its innovations resemble each other; outliers differ. Hence the third large innovation in a row is accepted if
-//! the three agree, each with the one before to 60 %. An innovation that grows in equal steps, as a constant force makes
-//! it, does. A sensor is never rejected for longer than 10 holds or 4 of its own periods. The first 10 outputs are
-//! accepted, and so is the first one after a silence.
+//! with the dead zone's width d and the running scale s. A motion of the vehicle, for example after an impact or in a gust,
+//! persists, and its innovations resemble each other; outliers differ. Hence the third large innovation in a row is accepted
+//! if the three agree, each with the one before to 60 %. The equal steps that a constant force causes satisfy this. A
+//! sensor is never rejected for longer than 10 hold times or 4 of its own periods. The first 10 outputs are accepted, and so
+//! is the first one after a silence.
 
 use nalgebra::SVector;
 use serde::{Deserialize, Serialize};

@@ -1,7 +1,7 @@
 //! Adaptive state observation in a vector-valued native space (RKHS): the mathematics only.
 //!
 //! The observer follows a vehicle's measured velocities, learns the force and torque that are not
-//! modelled (drag, current, wind, a shifted load) as functions of the motion, and coasts on what it
+//! modelled (drag, current, wind, a shifted load) as functions of the motion, and coasts on what was
 //! learned when a sensor falls silent:
 //!
 //! ```text
@@ -12,18 +12,18 @@
 //! |---|---|
 //! | [`RigidBodyObserver`] | position, velocity, attitude, angular velocity and both unknown wrenches of a vehicle |
 //! | [`LinearObserver`] | any linear plant of your own A, B and C |
-//! | [`Channel`], [`GradientLaw`] | the law itself, to put the paper beside; [`LearnedFunction`] is f̂ |
-//! | [`Kernel`], [`Centers`], [`NativeSpace`] | the native space that f̂ is taken from |
+//! | [`Channel`], [`GradientLaw`] | the law itself, to compare with the paper; [`LearnedFunction`] is f̂ |
+//! | [`Kernel`], [`Centers`], [`NativeSpace`] | the native space that f̂ is an element of |
 //! | [`DeadZone`], [`InnovationGate`] | which errors are learned from, and which outputs are accepted |
 //! | [`DesignReport`], [`Certificate`], [`stability`] | what is proven for a design |
 //!
-//! What it does for a multicopter in wind with an unknown load:
+//! A multicopter in wind with an unknown load:
 #![cfg_attr(doc, doc = concat!("<div style=\"overflow-x:auto\">\n", include_str!("../../../docs/demo.svg"), "</div>\n"))]
 //!
-//! There is no clock, no file and no shared memory here, and no allocation after construction: time comes
-//! in with the samples. [`RigidBodyObserver`] is what flight code uses; [`Channel`] is the law itself.
+//! The crate has no clock, no file and no shared memory, and allocates nothing after construction. Time is an argument, the
+//! stamp of each sample. Flight code uses [`RigidBodyObserver`]; [`Channel`] is the law itself.
 //!
-//! The crate depends on no other of this repository. Inside, arrows point upwards in this list:
+//! The crate depends on no other crate of this repository. Inside, a file depends only on those above it in this list:
 //!
 //! | room | what lives there |
 //! |---|---|
@@ -33,7 +33,7 @@
 //! | `design`, `linear_design`, `law/` | the designs; dead zone, gradient law, stability; the channel: the step |
 //! | `report/` | certificate, design report: what is proven, at set-up only |
 //! | `innovation_gate`, `timeline` | outliers; holding, coasting, committing by the samples' stamps |
-//! | `channels` | the channels by name, behind one face: save, restore, load, restart, forget |
+//! | `channels` | the channels by name, with one trait: save, restore, load, restart, forget |
 //! | `rigid_body`, `linear_observer` | the observers |
 //!
 //! ```

@@ -1,4 +1,4 @@
-//! What the observer of a general linear plant is made of, `x' = A x + B (u + f(y)) + ξ`, `y = C x + δ`, and its checks.
+//! The design of the observer of a general linear plant, `x' = A x + B (u + f(y)) + ξ`, `y = C x + δ`, and its checks.
 
 use crate::design::{DisturbanceBounds, positive, positive_definite};
 use crate::error::{DesignError, Parameter};

@@ -1,4 +1,4 @@
-//! A general linear plant with the law: `x' = A x + B (u + f(y)) + ξ`, `y = C x + δ`.
+//! The observer of a general linear plant, `x' = A x + B (u + f(y)) + ξ`, `y = C x + δ`.
 //!
 //! ```text
 //! x̂' = A x̂ + L ỹ + B (u + f̂_N(y)),    θ' = σ(‖ỹ‖) φ(y) (Γ_f ỹ)ᵀ,    ỹ = y − C x̂

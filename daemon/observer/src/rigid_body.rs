@@ -1,4 +1,4 @@
-//! The rigid body: a translation channel and a rotation channel, with position and attitude.
+//! The observer of a rigid body: a translation channel and a rotation channel, with position and attitude.
 
 use crate::channels::{AnyChannel, ChannelName, Learn};
 use crate::design::{ChannelDesign, GyroscopicTorque, RotationDesign, TranslationDesign};

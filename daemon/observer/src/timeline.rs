@@ -1,12 +1,12 @@
-//! A channel on a time line: which law holds when, from the samples' own stamps alone.
+//! Runs a channel on a time line: holding, coasting and committing follow from the samples' stamps alone.
 //!
-//! Between two samples the estimate follows from the stamps, not from the time of a question: an output is
-//! held for at most `hold_s`, then the channel coasts on a grid of steps from there. So any reader, any tick
-//! rate and any replay gets the same bits for the same samples and the same instant. The longer a coast, the
-//! longer its steps: the work for a late question or a late sample stays bounded.
+//! An output is held for at most `hold_s`; then the channel coasts on a grid of steps that starts there. The estimate for an
+//! instant therefore depends on the samples and that instant only, not on when or how often it is requested: any tick rate
+//! and any replay gives the same bits. The steps of a coast grow with its length, so the work for a late request or a late
+//! sample is bounded.
 //!
-//! The weights' update belongs to the next sample, whose stamp tells how long the output was held; until
-//! then it is a pending increment.
+//! The weights change when the next sample arrives, since its stamp determines how long the output was held. Until then
+//! their update is a pending increment.
 
 use crate::function::evaluation::Evaluation;
 use crate::innovation_gate::{InnovationGate, InnovationScale, OutlierAction};

@@ -1,4 +1,4 @@
-//! The payloads as C programs know them, and a number that tells their layout from that of another version.
+//! The payloads as C programs use them, and a number that identifies the version of their layout.
 
 use shared_types::table::{Payload, Table};
 use shared_types::{Channel, Counters, Estimate, LatencySummary, Measurement, Reply, Status};

@@ -3,8 +3,8 @@
 //! `include/observer_client.h` is made from this file and from the tables of `shared_types::payload`; a test fails where
 //! the checked-in one differs (`tests/generated`). `include/observer_client.hpp` wraps it for C++17.
 //!
-//! A handle is not a pointer: each call looks it up in a table of the calling thread. Therefore a handle that was closed, or
-//! that another thread opened, is refused at the price of one comparison, and no call follows a dangling pointer. Ports
+//! A handle is not a pointer: each call looks it up in a table of the calling thread. A handle that was closed, or that
+//! another thread opened, is therefore refused after one comparison, and no call dereferences a dangling pointer. Ports
 //! belong to the thread that made them and are closed when it ends.
 //!
 //! Depends on `shared_types` alone.

@@ -1,4 +1,4 @@
-//! Why a domain cannot be used: what was found, what is needed, and the command that helps.
+//! The error of a domain that cannot be used: what was found, what is needed, and the command that helps.
 
 use rustix::process::geteuid;
 use std::fs;

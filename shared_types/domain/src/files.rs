@@ -1,4 +1,4 @@
-//! What the files of a domain are called, and how they are listed and removed.
+//! The names of a domain's files; listing and removing them.
 
 use crate::error::{DomainError, io_error};
 use rustix::process::geteuid;

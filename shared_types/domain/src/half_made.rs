@@ -1,4 +1,4 @@
-//! Files whose maker died before they were finished.
+//! Finds files whose maker died before they were finished.
 //!
 //! iceoryx2 finishes a file by changing its mode: a service file from 0600 to 0400, a segment from 0200 to 0600.
 

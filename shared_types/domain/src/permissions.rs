@@ -1,4 +1,5 @@
-//! Root path and segments are their owner's alone: made so, checked, and closed where iceoryx2 opens them.
+//! Only the owner has access to root path and segments: sets the modes, checks them, and corrects that of a file which
+//! iceoryx2 opens to everyone.
 
 use crate::error::{DomainError, ROOT_VARIABLE, described, foreign, io_error};
 use crate::files::{files_where, is_lock, is_own_file, remove_file};

@@ -1,4 +1,4 @@
-//! Domains in directories of their own.
+//! Domains, each test with directories of its own.
 
 use domain::{Domain, Leftovers};
 use std::fs::{self, File};

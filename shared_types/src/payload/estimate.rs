@@ -1,4 +1,4 @@
-//! What the service publishes at its rate: the state estimate, and how far it can be trusted.
+//! The estimate, which the service publishes at its rate: the state, and how far it can be trusted.
 
 use crate::table::{EULER, WXYZ, XYZ, numbers_are_finite};
 use iceoryx2::prelude::ZeroCopySend;

@@ -1,4 +1,4 @@
-//! All payloads and modules of constants, for files of other languages and for the record of layouts.
+//! The list of all payloads and modules of constants, for the files of other languages and the record of layouts.
 
 use crate::payload::estimate::{Channel, Estimate, status_bits};
 use crate::payload::measurement::{Measurement, frame, valid};

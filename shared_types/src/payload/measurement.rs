@@ -1,4 +1,4 @@
-//! What a vehicle publishes: readings of its sensors, and what it commands.
+//! The measurement, which a vehicle publishes: readings of its sensors, and its commands.
 
 use crate::table::{Bound, Field, Limit, Message, Payload, Quantity, Value, WXYZ, XYZ, numbers_are_finite};
 use iceoryx2::prelude::ZeroCopySend;

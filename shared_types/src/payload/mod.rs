@@ -1,10 +1,9 @@
-//! The messages. `#[repr(C)]`, fixed size, no padding, all SI; a change of layout is a new type name.
+//! The messages: `#[repr(C)]`, fixed size, no padding, SI units. A message with another layout has another type name.
 //!
 //! Frames: I is inertial, J the body, both right-handed; `attitude_wxyz` rotates body vectors into I.
 //!
-//! Each file holds the tables of some payloads: [`crate::table`] says what a table is and what is made from it. To add
-//! a field or a counter, add its row, count up the version in the type names of the payloads that hold it, and write the
-//! files of the other languages anew:
+//! Each file holds the tables of some payloads; [`crate::table`] describes tables. To add a field or a counter, add its row,
+//! increase the version in the type names of the payloads that hold it, and generate the files of the other languages:
 //!
 //!     UPDATE=1 cargo test -p observer_client --test generated
 

@@ -1,4 +1,4 @@
-//! Why the gate rejects a sample.
+//! The reasons for which the gate rejects a sample.
 
 use crate::table::Components;
 

@@ -1,4 +1,4 @@
-//! The operator's side: what the service counts and says about itself, commands, and the replies that carry its status.
+//! The operator's messages: counters and status of the service, commands, and the replies that carry the status.
 
 use crate::payload::rejection::{REASONS, Rejection};
 use crate::table::{Message, PER_CHANNEL, Payload, SIZE_PER_CHANNEL, Value};

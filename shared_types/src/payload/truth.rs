@@ -1,4 +1,4 @@
-//! What a simulator publishes for comparison: the true plant's state.
+//! The truth, which a simulator publishes for comparison: the state of the true plant.
 
 use crate::table::{WXYZ, XYZ};
 use iceoryx2::prelude::ZeroCopySend;

@@ -1,4 +1,4 @@
-//! Rows into a flight: times strictly increasing, attitudes of unit norm, stamps relative to the first.
+//! Collects rows into a flight: times strictly increasing, attitudes of unit norm, stamps relative to the first.
 
 use crate::error::ImportError;
 use crate::flight::{Place, RecordedFlight, SkipReason, Skipped};

@@ -1,4 +1,4 @@
-//! Tables whose columns bear the keys' own names, or whose columns a map names.
+//! The format `csv`: tables whose columns have the names of the keys, or are named by a map.
 
 use crate::error::ImportError;
 use crate::flight::RecordedFlight;

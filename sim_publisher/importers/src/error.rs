@@ -1,4 +1,4 @@
-//! Why a file or a map of columns cannot be used.
+//! The error of a file or a map of columns that cannot be used.
 
 use crate::flight::Skipped;
 

@@ -1,4 +1,4 @@
-//! What a log format is to the rest of the program.
+//! The trait of a log format, and the options that a file does not determine.
 
 use crate::error::ImportError;
 use crate::flight::RecordedFlight;

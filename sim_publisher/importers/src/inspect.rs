@@ -1,4 +1,4 @@
-//! What a log holds, and which options and numbers of a configuration follow from it.
+//! Inspects a log: its contents, and the options and configuration values that follow from it.
 
 use crate::csv::Csv;
 use crate::error::ImportError;

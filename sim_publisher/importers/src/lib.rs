@@ -1,19 +1,19 @@
-//! Recorded flights as samples, whatever program wrote the file.
+//! Reads recorded flights of several log formats as samples.
 //!
-//! It depends on `shared_types` and on `flight_record`. It publishes nothing and has no command line.
+//! Depends on `shared_types` and `flight_record`. It publishes nothing and has no command line.
 //!
 //! | file | holds |
 //! |---|---|
-//! | `importer` | the trait [`Importer`], and [`ImportOptions`]: what a file does not say of itself |
+//! | `importer` | the trait [`Importer`], and [`ImportOptions`]: what a file does not determine |
 //! | `list` | all formats, and reading a file of one of them |
-//! | `acsl`, `csv`, `mcap`, `record`, `ulog` | a format each |
+//! | `acsl`, `csv`, `mcap`, `record`, `ulog` | one format each |
 //! | `table` | tables with named columns: read by `csv` and `mcap`, and written |
-//! | `collector` | rows into a flight: times in order, attitudes of unit norm |
+//! | `collector` | collecting rows into a flight: times in order, attitudes of unit norm |
 //! | `flight` | [`RecordedFlight`], and why rows were skipped |
-//! | `inspect` | what a file holds, and how to go on with it |
+//! | `inspect` | what a file holds, and which options follow from it |
 //!
 //! A new format is a file that implements [`Importer`], and a line in `list`. The readers of ULog and MCAP are Cargo
-//! features (`ulog`, `mcap`), because they bring parsers of their own.
+//! features (`ulog`, `mcap`), because their parsers take long to build.
 //!
 //! Each row of a file is checked. A row that cannot be used is skipped and counted, with its place and reason; a file
 //! without a usable row is an error.

@@ -1,4 +1,4 @@
-//! All formats, and reading a file of one of them.
+//! The list of formats, and reading a file of any of them.
 
 use crate::error::ImportError;
 use crate::flight::RecordedFlight;

@@ -1,5 +1,4 @@
-//! The service's own flight record: the samples as they arrived, also those that it rejected for their
-//! time or source.
+//! The service's flight record: its samples as they arrived, including those that it rejected for their time or source.
 
 use crate::collector::Collector;
 use crate::error::ImportError;

@@ -1,5 +1,5 @@
-//! Any table with a line of column names. Which column is what, a map says: on the command line or as TOML; columns that
-//! bear the keys' own names, as in a table that is written here, need none.
+//! Tables with a line of column names. A map, on the command line or as TOML, assigns columns to keys. Columns that have the
+//! names of keys, as in the tables that this file writes, need no map.
 
 use crate::collector::{Collector, parse_ns};
 use crate::error::{ImportError, MapError};

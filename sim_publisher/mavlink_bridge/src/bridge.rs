@@ -1,4 +1,4 @@
-//! The vehicle's messages as samples: which of them are taken, and in which order things happen. Time and bytes are
+//! Turns the vehicle's messages into samples: decides which messages are used, and in which order. Time and bytes are
 //! arguments; nothing here waits, reads a clock or sends.
 //!
 //! While ODOMETRY comes, LOCAL_POSITION_NED and ATTITUDE(_QUATERNION) are not used, unless the settings say so.

@@ -1,16 +1,16 @@
-//! The vehicle's clock on ours.
+//! Converts times of the vehicle's clock to this machine's clock.
 //!
-//! A message says when, by the vehicle's clock, its values held; it arrives later by an unknown delay. So
+//! A message has the time of its values by the vehicle's clock, and arrives after an unknown delay. Hence
 //!
 //! `offset = min over the last 10 s of (received − vehicle's time)`
 //!
 //! is the true offset plus the smallest delay in that time. Where the vehicle answers TIMESYNC, the exchange with the
-//! shortest round trip in the last 10 s gives `offset = (sent + received) / 2 − vehicle's time`, wrong by half that round
-//! trip at most; the smaller of both is taken, for no delay is negative. Clocks that drift apart by 50 ppm move the
+//! shortest round trip in the last 10 s gives `offset = (sent + received) / 2 − vehicle's time`, with an error of at most
+//! half that round trip. The smaller of both offsets is used, since no delay is negative. Clocks that drift apart by 50 ppm move the
 //! smallest delay by 0.5 ms within the 10 s.
 //!
-//! Stamps only ever grow: where the offset falls, they run at no less than half of the vehicle's pace until they are right.
-//! They are never later than the message's arrival.
+//! Stamps never decrease: if the offset falls, they advance at no less than half of the vehicle's rate until they are right
+//! again. A stamp is never later than the message's arrival.
 
 /// Smallest delays and round trips count for so long (ns).
 const WINDOW_NS: u64 = 10_000_000_000;

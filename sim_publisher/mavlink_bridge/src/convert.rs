@@ -1,4 +1,4 @@
-//! Messages into quantities of a measurement, and an estimate into a message. No clock, no state.
+//! Converts messages to quantities of a measurement, and an estimate to a message. No clock, no state.
 //!
 //! | message | gives |
 //! |---|---|

@@ -1,12 +1,12 @@
-//! Bytes into MAVLink frames, versions 1 and 2 mixed. Other bytes are skipped and counted.
+//! Finds MAVLink frames, of versions 1 and 2 mixed, in a stream of bytes. Other bytes are skipped and counted.
 //!
 //! ```text
 //! version 1: FE length sequence system component id        payload sum sum
 //! version 2: FD length flags flags sequence system component id id id payload sum sum [signature of 13]
 //! ```
 //!
-//! A frame that is whole is taken at once, whatever an unfinished one before it claims to be: half a packet delays
-//! nothing. Signatures are not checked.
+//! A complete frame is taken at once, even if an incomplete one that seems to contain it came first: half a packet delays no
+//! other frame. Signatures are not checked.
 
 use mavlink::dialects::common::MavMessage;
 use mavlink::{MavlinkVersion, Message, calculate_crc};

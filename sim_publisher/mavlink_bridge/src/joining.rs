@@ -1,8 +1,8 @@
-//! Quantities of one instant into a sample.
+//! Joins quantities of one instant into a sample.
 //!
-//! LOCAL_POSITION_NED and ATTITUDE(_QUATERNION) come each at its own time. Those whose times differ by no more than the
-//! stated tolerance are one sample, at the newer time. A sample waits no longer than the tolerance for its other half, and
-//! not at all where the vehicle sends no other half. ODOMETRY is whole.
+//! LOCAL_POSITION_NED and ATTITUDE(_QUATERNION) have times of their own. Two messages whose times differ by no more than the
+//! configured tolerance become one sample, at the newer time. A message waits for its counterpart no longer than the
+//! tolerance, and not at all if the vehicle sends no counterpart. ODOMETRY needs none.
 
 use crate::clock::{Observed, VehicleClock};
 use crate::convert::{self, Motion};

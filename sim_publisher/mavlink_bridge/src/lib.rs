@@ -1,23 +1,23 @@
 //! A live vehicle that speaks MAVLink (PX4, ArduPilot, ArduSub) as the source of samples, and the estimate back to it.
 //!
-//! It depends on `shared_types`, for the samples and the ports. It has no command line; `sim_publisher mavlink` is that.
+//! Depends on `shared_types`, for the samples and the ports. Its command line is `sim_publisher mavlink`.
 //!
 //! | file | holds |
 //! |---|---|
 //! | `link` | UDP and serial |
-//! | `frames` | bytes into frames; garbage is skipped and counted |
-//! | `clock` | the vehicle's time on our clock |
-//! | `convert` | messages into quantities, an estimate into ODOMETRY: axes, signs, units |
+//! | `frames` | finding frames in bytes; garbage is skipped and counted |
+//! | `clock` | converting the vehicle's time to our clock |
+//! | `convert` | converting messages to quantities, and an estimate to ODOMETRY: axes, signs, units |
 //! | `selection` | which vehicle is followed, and which of its frames are lost |
-//! | `joining` | quantities of one instant into a sample |
-//! | `requests` | which messages the vehicle is asked for |
-//! | `settings`, `tally` | what to take, and what came |
-//! | `bridge` | [`Bridge`]: all of these together; no clock, no wire |
-//! | `report` | what is missing where nothing usable comes, and what to set |
+//! | `joining` | joining quantities of one instant into a sample |
+//! | `requests` | which messages are requested from the vehicle |
+//! | `settings`, `tally` | what is used of the vehicle's messages; counts of what arrived |
+//! | `bridge` | [`Bridge`]: all of these together; no clock, no socket |
+//! | `report` | counts, and advice if nothing usable arrives |
 //! | `run` | [`run`]: the loop around them, with the service's ports |
 //!
-//! Time is CLOCK_MONOTONIC of this machine. TIMESYNC requests are answered with it, so that the vehicle can tell how old an
-//! estimate is. HEARTBEAT, TIMESYNC, requests for messages, and the estimate are sent; none of it is signed.
+//! Time is CLOCK_MONOTONIC of this machine. TIMESYNC requests are answered with it, so that the vehicle can compute the age of
+//! an estimate. HEARTBEAT, TIMESYNC, requests for messages, and the estimate are sent; none of it is signed.
 
 mod bridge;
 mod clock;

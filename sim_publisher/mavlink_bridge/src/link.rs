@@ -1,4 +1,4 @@
-//! The wire: a UDP socket or a serial port. It never blocks but for a wait with a limit.
+//! The link to the vehicle: a UDP socket or a serial port. It blocks only in a wait with a time limit.
 
 use crate::frames::Peer;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};

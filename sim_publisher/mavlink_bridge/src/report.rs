@@ -1,4 +1,4 @@
-//! What is said of a bridge: counts in words and for scripts, and what is missing where nothing usable comes.
+//! The reports of a bridge: counts as text and JSON, and advice if nothing usable arrives.
 
 use crate::bridge::Bridge;
 use crate::link::Address;

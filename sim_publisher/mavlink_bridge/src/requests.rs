@@ -1,4 +1,4 @@
-//! Which messages the vehicle is asked for: one at a time, for an answer names the command and not the message.
+//! Requests messages from the vehicle, one at a time, because an answer names the command and not the message.
 
 use crate::settings::{Settings, Source};
 use crate::tally::{Tally, name_of};

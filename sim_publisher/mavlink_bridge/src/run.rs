@@ -1,5 +1,4 @@
-//! The loop around the bridge: the wire, the clock, and the service's ports. It is a process of its own beside the
-//! service.
+//! The loop around the bridge, with the link, the clock, and the service's ports. It runs in a process of its own.
 
 use crate::bridge::Bridge;
 use crate::convert;

@@ -1,4 +1,4 @@
-//! Which vehicle is followed: the one that was named, or the first autopilot that is heard.
+//! Selects the vehicle that is followed: the one of `--system-id`, or the first autopilot from which a message arrives.
 
 use crate::frames::{Frame, Peer};
 use mavlink::MessageData;

@@ -1,4 +1,4 @@
-//! What to take from the vehicle, and how.
+//! The settings of a bridge: which messages it uses, and how.
 
 /// Which messages are taken.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]

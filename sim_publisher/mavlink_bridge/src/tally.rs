@@ -1,4 +1,4 @@
-//! What came, and what became of it.
+//! Counts of the messages that arrived, and of what was done with them.
 
 use mavlink::dialects::common::MavMessage;
 use std::collections::BTreeMap;

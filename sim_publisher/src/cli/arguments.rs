@@ -1,4 +1,4 @@
-//! Arguments that several commands have: which recorded flight, and what it does not say of itself.
+//! Arguments that several commands share: the recorded flight, and options that its file does not determine.
 
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use importers::{CsvMap, IMPORTERS, ImportError, ImportOptions, Importer};

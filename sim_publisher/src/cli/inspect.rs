@@ -1,4 +1,4 @@
-//! `sim_publisher inspect`: what a log holds.
+//! `sim_publisher inspect`: prints what a log holds.
 
 use super::arguments::ImportArguments;
 use super::target::Failure;

@@ -1,4 +1,4 @@
-//! `sim_publisher mavlink`: a live vehicle as samples, and the estimate back to it.
+//! `sim_publisher mavlink`: publishes a live vehicle's messages as samples, and sends the estimate back.
 
 use super::arguments::parse_axes;
 use super::target::{Failure, TargetArgs, connected, stop_flag};

@@ -2,9 +2,9 @@
 //!
 //! | file | holds |
 //! |---|---|
-//! | `run`, `replay`, `inspect`, `mavlink` | a subcommand each: its arguments, checked, and what it does |
+//! | `run`, `replay`, `inspect`, `mavlink` | one subcommand each |
 //! | `arguments` | arguments that several commands have, those of `bench` included |
-//! | `target` | which service is fed, how a run ends, why it fails |
+//! | `target` | the target service, the end of a run, its errors |
 
 mod arguments;
 mod inspect;

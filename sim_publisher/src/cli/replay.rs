@@ -1,4 +1,4 @@
-//! `sim_publisher replay`: a recorded flight, published at its own pace.
+//! `sim_publisher replay`: publishes a recorded flight with its own timing.
 
 use super::arguments::ImportArguments;
 use super::target::{Failure, TargetArgs, publish_source, report};

@@ -1,4 +1,4 @@
-//! `sim_publisher run`: a simulated vehicle with its sensors and faults.
+//! `sim_publisher run`: simulates a vehicle with its sensors and faults.
 
 use super::arguments::parse_axes;
 use super::target::{Failure, TargetArgs, publish_source, report, stop_flag};

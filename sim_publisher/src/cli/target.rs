@@ -1,4 +1,4 @@
-//! What the subcommands share: which service is fed, how a run ends, and why it fails.
+//! What the subcommands share: the target service, the end of a run, and its errors.
 
 use crate::delivery::Outgoing;
 use crate::faults::FaultError;

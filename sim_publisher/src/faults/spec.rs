@@ -1,4 +1,4 @@
-//! Which faults, when: as they are written on the command line, `KIND@START:LENGTH,key=value,…`, and in a file.
+//! The specification of faults, on the command line as `KIND@START:LENGTH,key=value,…` and in a file.
 
 use crate::sensors::{Schedule, SensorSuite, Span};
 use crate::simulation::SimulationOptions;

@@ -1,4 +1,4 @@
-//! An underwater vehicle in a current: added mass, damping, Coriolis, buoyancy; mowing the lawn.
+//! An underwater vehicle that moves in a lawn-mower pattern in a current: added mass, damping, Coriolis, buoyancy.
 //!
 //! North-east-down, origin in the center of mass. With ν = Rᵀv, ν_r = Rᵀ(v − c), M_A and J_A diagonal:
 //!

@@ -1,4 +1,4 @@
-//! What a scenario consists of.
+//! The parts of a scenario.
 
 use crate::disturbance::GaussMarkov;
 use crate::plant::{Nominal, State, TruePlant, Wrench};

@@ -1,9 +1,9 @@
 //! A box of lattice points, and one factor for every such box of a lattice.
 //!
-//! A radial kernel does not see where on the lattice a box lies: all boxes of c₁×c₂×c₃ points have the same Gram
-//! matrix. In sums and differences of mirror images it falls apart into eight small ones (see [`crate::space::factors::mirror`]). The
-//! points inside of the outermost layer, the *core*, come first: the first entries of R⁻¹u are those of the smaller
-//! box, the last ones say what the outermost layer adds.
+//! The Gram matrix of a radial kernel does not depend on where on the lattice a box lies: all boxes of c₁×c₂×c₃ points have
+//! the same one. In sums and differences of mirror images it separates into eight small matrices (see
+//! [`crate::space::factors::mirror`]). The points inside of the outermost layer, the *core*, come first. The first entries of
+//! R⁻¹u are therefore those of the smaller box, and the last ones are what the outermost layer adds.
 
 use crate::error::{DesignError, Parameter};
 use crate::space::factors::lanes::{VectorLoop, VectorUnit, whole_lanes};

@@ -1,4 +1,4 @@
-//! How far the local solver is from the whole lattice: a block against a larger one around it, at construction.
+//! Calibrates the error estimate of the local solver at construction: compares a block with a larger one around it.
 
 use crate::error::DesignError;
 use crate::function::block::{BlockBuffers, IMAGES, LatticeBlock};

@@ -1,4 +1,4 @@
-//! What is learned, as numbers: in use, at a checkpoint, or in a file.
+//! The numbers that hold what was learned, in use, at a checkpoint, or in a file.
 
 use std::hint::black_box;
 

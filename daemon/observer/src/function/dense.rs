@@ -1,11 +1,11 @@
-//! f̂_N in the orthonormal basis of its native space: exact, at N(N+1)/2 multiply-adds an evaluation, or an eighth of that
-//! on a lattice of three axes.
+//! f̂_N in the orthonormal basis of its native space. An evaluation is exact and costs N(N+1)/2 multiply-adds, or an eighth
+//! of that on a lattice of three axes.
 //!
 //! ```text
 //! f̂(y) = θᵀ φ(y),    θ += φ(y) inᵀ
 //! ```
 //!
-//! with `in` = h σ Γ_f ỹ, what the law learns from an output that was held for h.
+//! with the increment `in` = h σ Γ_f ỹ of an output that was held for h.
 
 use crate::function::checkpoint::Learned;
 use crate::function::evaluation::Evaluation;

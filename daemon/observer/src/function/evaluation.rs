@@ -1,4 +1,4 @@
-//! f̂ at a point.
+//! The value of f̂ at a point.
 
 use nalgebra::SVector;
 

@@ -1,14 +1,15 @@
-//! f̂_N on a lattice, from the neighbourhood of the output: a step that hardly knows how many centers there are.
+//! The local solver: f̂_N on a lattice, evaluated from the centers around the output. The cost of a step hardly depends on
+//! the number of centers.
 //!
-//! Kept are the nodal values β = K α̂, the values of f̂_N at the centers. Learning is exact in them, and touches only
-//! the centers that the kernel reaches; an evaluation takes the block of c points along each axis around y:
+//! The coordinates are the nodal values β = K α̂, the values of f̂_N at the centers. Learning is exact in them and changes
+//! only the centers within the kernel's support. An evaluation uses the block of c points along each axis around y:
 //!
 //! ```text
 //! β += k(y) inᵀ,    f̂(y) = βᵀ K⁻¹ k(y) ≈ β_cᵀ K_c⁻¹ k_c(y)
 //! ```
 //!
-//! with `in` = h σ Γ_f ỹ. The farther a center, the less its nodal value matters at y: the cardinal functions of
-//! Sobolev-type kernels decay exponentially.
+//! with `in` = h σ Γ_f ỹ. Distant nodal values contribute little at y, because the cardinal functions of Sobolev-type kernels
+//! decay exponentially.
 //!
 //! # The error estimate
 //!
@@ -18,16 +19,17 @@
 //! f̂_N(y) − f̂_c(y) = ⟨f̂_N − Π_c f̂_N, q⟩,   q = Π_N 𝔎(y,·) − Π_c 𝔎(y,·),   ‖q‖² = P_c(y)² − P_N(y)²
 //! ```
 //!
-//! so that `‖q‖ ‖f̂_N‖` bounds it. ‖q‖/P_c(y) depends on where y lies in its cell, only a little, and on nothing else: 1.25
-//! times its largest value in the middle cell is ρ, found at construction with a larger block for the lattice. As q is small beyond the block's
-//! surroundings, the norm of what f̂_N has *there* counts, which the block's outermost layer tells:
+//! so that `‖q‖ ‖f̂_N‖` bounds it. For a given lattice, ‖q‖/P_c(y) depends only on the place of y in its cell, and only
+//! slightly. ρ is 1.25 times its largest value in the middle cell, found at construction with a larger block in place of the
+//! lattice. Since q is small away from the block, only the norm of f̂_N *near the block* matters. The block's outermost
+//! layer gives an estimate of it:
 //!
 //! ```text
 //! error = ρ P_c(y) min(‖f̂_N‖, 2 ‖θ_layer‖ + ε ‖f̂_N‖),   ε = 1, 1/4, 1/16 for m = 1, 2, 3
 //! ```
 //!
-//! The first is a bound; 2 and ε are calibrated on random histories, where the estimate was never exceeded and was
-//! some tens of times the error.
+//! The first term is a bound. The factors 2 and ε are calibrated on random histories, in which the error never exceeded the
+//! estimate; the estimate was some tens of times the error.
 //!
 //! # Source
 //! Fuselier, Hangelbroek, Narcowich, Ward (2013), *Localized bases for kernel spaces on the unit sphere*, for the decay.

@@ -1,5 +1,5 @@
-//! f̂_N behind one interface, whatever its coordinates: an output is held, f̂ is evaluated there or elsewhere, and an
-//! increment `in` is learned, `f̂ ← f̂ + Π_N 𝔎(·, y) in`.
+//! f̂_N with one interface for all coordinates: hold an output, evaluate f̂ there or elsewhere, and learn an increment `in`,
+//! `f̂ ← f̂ + Π_N 𝔎(·, y) in`.
 
 use crate::error::DesignError;
 use crate::function::dense::DenseFunction;

@@ -1,5 +1,5 @@
-//! The learned function f̂_N: its evaluation, its coordinates, and what a checkpoint holds of it. It knows the native
-//! space, and neither law nor plant.
+//! The learned function f̂_N: its evaluation, its coordinates, and the part of a checkpoint that holds it. Depends on the
+//! native space (`space`), not on law or plant.
 
 pub(crate) mod block;
 pub(crate) mod calibration;

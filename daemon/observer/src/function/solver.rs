@@ -1,4 +1,4 @@
-//! How f̂ is computed: all centers at every step, or the neighbourhood of the output.
+//! The choice of solver: dense (all centers at every step) or local (the centers around the output).
 
 use crate::error::{DesignError, Parameter};
 use crate::space::centers::Centers;

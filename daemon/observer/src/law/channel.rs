@@ -1,5 +1,4 @@
-//! A channel: the law over a plant, one step after another. This is the code that flies, and the one to read beside the
-//! paper.
+//! A channel: the law over a plant, step by step. The service runs this code; read it beside the paper.
 //!
 //! ```text
 //! observe(y)     ỹ = y − C x̂_j,   φ = φ(y),   σ = σ(‖ỹ‖)
@@ -23,8 +22,8 @@
 //! | Γ_f | `adaptation_rate` | m×m | kg/s²; N·m |
 //! | λ | `gain_per_s` | 1 | 1/s |
 //!
-//! A [`crate::RigidBodyObserver`] runs this on a time line: how long an output is held is only known when the next sample
-//! arrives, so it predicts as often as it is asked, and commits once.
+//! A [`crate::RigidBodyObserver`] runs this on a time line. The time for which an output is held is known only when the next
+//! sample arrives, so the observer may predict many times, and commits once.
 //!
 //! # Source
 //! Niu et al., eqs. (state estimator), (final learning laws).

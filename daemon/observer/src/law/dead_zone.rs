@@ -1,4 +1,4 @@
-//! σ(e): the part of an output error that is taken for the unknown force, and not for noise.
+//! The dead zone σ(e): which part of an output error is learned from. Smaller errors count as noise.
 
 use crate::error::{DesignError, Parameter};
 

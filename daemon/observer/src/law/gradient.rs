@@ -1,4 +1,4 @@
-//! The paper's gradient law on its own, whatever plant it serves: output error, features, weights, matched force.
+//! The paper's gradient law, independent of the plant: output error, features, weights, matched force.
 //!
 //! ```text
 //! ỹ = y − C x̂_j

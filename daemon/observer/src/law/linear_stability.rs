@@ -1,4 +1,4 @@
-//! The sampled-data bound of the law over a general linear plant; that over a rigid body is in [`crate::stability`].
+//! The sampled-data stability bound of the law over a general linear plant. [`crate::stability`] has that of a rigid body.
 
 use crate::linear_design::{LinearDesign, ObservablePart};
 use crate::plant::linear::{held_integral, padded};

@@ -1,4 +1,4 @@
-//! Attitude: a unit quaternion moved by the exponential map, and optional fixes.
+//! Attitude: a unit quaternion, integrated by the exponential map, with optional fixes.
 
 use crate::plant::body::Kinematics;
 use crate::plant::integrator::Segment;

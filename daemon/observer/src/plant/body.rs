@@ -1,4 +1,4 @@
-//! A rigid body as a channel sees it: the velocity, and the pose that is integrated from it.
+//! The plant of a rigid body's channel: a velocity, and the pose that is integrated from it.
 
 use crate::plant::integrator::{Integrator, Segment};
 use crate::plant::nominal::{Moment, Plant};

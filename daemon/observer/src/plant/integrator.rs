@@ -1,4 +1,4 @@
-//! The velocity of a body, linear or angular, over one step.
+//! Integrates the velocity of a body, linear or angular, over one step with held inputs.
 
 use nalgebra::{Matrix3, Vector3};
 

@@ -1,4 +1,4 @@
-//! Subspaces, poles and norms of a linear plant. For set-up only: everything here allocates.
+//! Subspaces, poles and norms of a linear plant. Only for set-up, since all functions allocate.
 
 use nalgebra::{Complex, DMatrix, DVector, Schur};
 

@@ -1,5 +1,5 @@
-//! Nominal plants, solved exactly over a step with held inputs, and what is integrated along with them. They know
-//! nothing of what is learned.
+//! Nominal plants, solved exactly over a step with held inputs, and the quantities integrated along with them. Independent of
+//! what is learned.
 
 pub(crate) mod attitude;
 pub(crate) mod body;

@@ -1,4 +1,4 @@
-//! What a channel needs of a nominal plant, solved exactly for held inputs.
+//! The trait of a nominal plant: what a channel needs of it.
 
 use nalgebra::SVector;
 use serde::{Deserialize, Serialize};

@@ -1,4 +1,4 @@
-//! Position: the integral of the velocity estimate, and optional fixes.
+//! Position: the integral of the velocity estimate, with optional fixes.
 
 use crate::plant::body::Kinematics;
 use crate::plant::integrator::Segment;

@@ -1,4 +1,4 @@
-//! The largest value of a function over a box: what was found, and what it can at most be.
+//! The supremum of a function over a box, by branch and bound: the largest value found, and an upper bound.
 
 use std::cmp::Ordering;
 use std::collections::BinaryHeap;

@@ -1,4 +1,4 @@
-//! The size that the theorems claim the error settles below: E₀, d_N, and what an estimate carries.
+//! The bounds E₀ and d_N, below which the error settles by the theorems, and the `error_bound` of an estimate.
 //!
 //! With the Lur'e pair P, Q = WᵀW + εP of the error dynamics (`A_eᵀP + PA_e = −Q`, `PB = Cᵀ`), an error e that obeys
 //!
@@ -17,9 +17,9 @@
 //! ```
 //!
 //! # Source
-//! Niu et al., Theorems 1 and 2. The paper's E₀ lacks the 2 that its own V' has; its d_N lacks one ‖C‖ at r_f and is
-//! said of the state; for ‖C‖ = 1, as in its examples, all agree. The terms in ξ̄ are ours: the paper names ξ and
-//! never bounds it. With δ ≠ 0 the proof drops −2σ⟨f̃(y), δ⟩: then the size is the paper's claim.
+//! Niu et al., Theorems 1 and 2. The paper's E₀ lacks the factor 2 that its own V' has. Its d_N lacks one ‖C‖ at r_f and is
+//! stated for the state; for ‖C‖ = 1, as in its examples, all agree. The terms in ξ̄ are ours: the paper introduces ξ but
+//! does not bound it. With δ ≠ 0 the proof drops −2σ⟨f̃(y), δ⟩; then the bound is a claim of the paper.
 
 use crate::design::{ChannelDesign, DisturbanceBounds};
 use crate::law::dead_zone::DeadZone;

@@ -1,4 +1,4 @@
-//! How well centers cover their box: sup P_N, fill distance, separation. For reports: each takes many evaluations.
+//! How well centers cover their box: sup P_N, fill distance, separation. Only for reports, since each takes many evaluations.
 
 use crate::report::box_search::{Supremum, supremum_over_box};
 use crate::space::centers::Centers;

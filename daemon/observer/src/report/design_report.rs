@@ -1,6 +1,6 @@
-//! What is proven for a design: every condition of the theorems, computed (Niu et al., §III to §V).
+//! The design report: every condition of the theorems, computed for a design (Niu et al., §III to §V).
 //!
-//! | condition | what it is for |
+//! | condition | purpose |
 //! |---|---|
 //! | (A, B) controllable, (A, C) observable | assumed of the plant |
 //! | A_e = A − LC Hurwitz | the estimate follows the output |
@@ -9,8 +9,8 @@
 //! | d > d_N | Theorem 2 |
 //! | `h σ φᵀφ` below its bound (see [`crate::law::stability`]) | the sampled law is stable; ours, the paper is continuous |
 //!
-//! What is unobservable has no place in the theorems: they are about the observable part, and the rest is
-//! integrated from it. For a body whose velocity is measured that is the position.
+//! The theorems hold for the observable part of the state only; the rest is integrated from it. For a body whose velocity is
+//! measured the rest is the position.
 
 use crate::design::{ChannelDesign, DisturbanceBounds, RotationDesign, TranslationDesign, dynamic};
 use crate::error::DesignError;

@@ -1,4 +1,4 @@
-//! A design report as a list of findings, one sentence each.
+//! The findings of a design report, one sentence each.
 
 use crate::report::design_report::DesignReport;
 use crate::report::words::{matrix_in_words, number, pole_in_words};

@@ -1,4 +1,4 @@
-//! The Lur'e pair of a linear plant's error dynamics: the condition under which the law takes energy out of the error.
+//! The Lur'e pair of a linear plant's error dynamics: the condition under which the law reduces the error's energy V.
 
 use crate::linear_design::ObservablePart;
 use crate::plant::linear_algebra::{complement, eigenvalues, reachable_subspace, spectral_norm};

@@ -1,4 +1,4 @@
-//! What is proven for a design, computed at set-up: nothing here runs in a step.
+//! What is proven for a design: certificate, design report, box search. Computed at set-up, not in a step.
 
 pub(crate) mod box_search;
 pub(crate) mod certificate;

@@ -1,4 +1,4 @@
-//! Numbers, poles, matrices and subspaces as a report prints them.
+//! Formats numbers, poles, matrices and subspaces for reports.
 
 use nalgebra::{Complex, DMatrix};
 

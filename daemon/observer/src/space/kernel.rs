@@ -1,4 +1,4 @@
-//! Radial kernels κ(r), the shape of what one center knows about its surroundings.
+//! Radial kernels κ(r).
 
 use crate::error::{DesignError, Parameter};
 use crate::space::factors::lanes::{exp_of_minus, multiply_add};

@@ -1,5 +1,4 @@
-//! The native space H_N that f̂ is taken from: kernel, centers, and the factored Gram matrix. It depends on nothing else
-//! of ours but the error type.
+//! The native space H_N that f̂ is an element of: kernel, centers, and the factored Gram matrix. Depends on `error` alone.
 
 pub(crate) mod centers;
 pub(crate) mod factors;

@@ -1,7 +1,7 @@
 //! The finite-dimensional native space H_N: centers, Gram matrix, and orthonormal (Newton) features.
 //!
 //! With K = R Rᵀ, the features φ(y) = R⁻¹ k(y) are an orthonormal basis of H_N. One function f̂_N of H_N has
-//! three coordinates, each N×m, that say the same:
+//! three sets of coordinates, each N×m:
 //!
 //! | symbol | name | f̂_N(y) | ‖f̂_N‖²_H |
 //! |---|---|---|---|

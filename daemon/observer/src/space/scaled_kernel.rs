@@ -1,4 +1,4 @@
-//! 𝔎: a radial kernel with its length scales.
+//! The kernel 𝔎: a radial kernel with length scales.
 
 use crate::error::{DesignError, Parameter};
 use crate::space::centers::weighted_distance;

@@ -1,4 +1,4 @@
-//! A body that is told where to go, on a force that the observer must learn.
+//! A body on a commanded trajectory, under a force that the observer must learn.
 
 use crate::lyapunov_function::LyapunovFunction;
 use crate::native_function::NativeFunction;

@@ -1,5 +1,5 @@
-//! What the theorems promise, tried on the law itself: where they hold, how sharply, and where they do not; and what
-//! holds for any space and in every step.
+//! The claims of the theorems, tested on the law itself: where they hold, how sharp they are, and where they fail; and
+//! properties of every space and every step.
 //!
 //! | file | what |
 //! |---|---|

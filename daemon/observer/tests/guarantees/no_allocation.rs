@@ -1,4 +1,4 @@
-//! After construction the observer allocates nothing: not while it learns, not while it coasts.
+//! After construction the observer allocates nothing, neither while it learns nor while it coasts.
 
 use allocation_counter::measure;
 use nalgebra::{DMatrix, Matrix3, UnitQuaternion, Vector3};

@@ -1,4 +1,4 @@
-//! What must hold for any centers, kernel and history: proven on random ones.
+//! Properties of any centers, kernel and history, tested with random ones.
 
 use crate::native_function::NativeFunction;
 use nalgebra::{DMatrix, DVector};

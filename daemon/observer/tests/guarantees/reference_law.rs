@@ -1,12 +1,12 @@
-//! The law before any centers are chosen: f̂ grows in H itself, one kernel for every sample that teaches.
+//! The law without centers: f̂ is in H itself, and every sample that is learned from adds one kernel.
 //!
 //! ```text
 //! f̂' = σ(‖ỹ‖) Γ_f E_y* ỹ ,    E_y* a = 𝒦(y,·) a
 //! f̂_{j+1} = f̂_j + h σ(‖ỹ‖) 𝒦(y_j,·) Γ_f ỹ ,    ỹ = y_j − C x̂_j
 //! ```
 //!
-//! What the law computes on N centers is Π_N of this, for the same output errors. For reference, offline: a
-//! step costs as many kernel values as there were steps that learned.
+//! For the same output errors the law on N centers computes Π_N of this. Only for reference and offline: a step costs one
+//! kernel value for each step that was learned from.
 //!
 //! # Source
 //! Niu et al., eq. (adaptive law infinite dim), sampled as the law is: y and ỹ held over the step,

@@ -1,4 +1,4 @@
-//! Kernels and native spaces against values that mpmath and SciPy computed; each table names its command.
+//! Kernels and native spaces, compared with values of mpmath and SciPy. Each table names the command that made it.
 
 use observer::{Centers, Kernel, LengthScale, NativeSpace};
 

@@ -1,5 +1,5 @@
-//! The files of other languages that are made from the tables of `shared_types`: the checked-in ones are what the tables
-//! say. After a change of a table, or of a function of the C client:
+//! The files of other languages are generated from the tables of `shared_types`. These tests compare the checked-in files
+//! with the tables. After a change of a table, or of a function of the C client, generate them anew:
 //!
 //!     UPDATE=1 cargo test -p observer_client --test generated
 

@@ -1,4 +1,4 @@
-//! Text broken into lines, for the files of both languages.
+//! Breaks text into lines, for the files of both languages.
 
 /// Breaks a text after spaces where a line would be longer than 110 characters, with `indent` in front of each line.
 pub(crate) fn wrapped(text: &str, indent: &str) -> Vec<String> {

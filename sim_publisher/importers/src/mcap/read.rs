@@ -1,8 +1,8 @@
-//! MCAP files: the measurements of `monitor record`, to the bit, without those that the service's gate refuses for their
-//! values; and channels of others, where the map of columns says `KEY=/topic:path.to.field`.
+//! Reads MCAP files: the measurements of `monitor record`, to the bit, except those that the service's gate rejects for
+//! their values; and other channels, if the map of columns names them as `KEY=/topic:path.to.field`.
 //!
-//! Messages are read by the names in the file's own schema, so that a recording of another version is understood as far as
-//! the names are the same. A file without its end, of a recorder that was killed, is read up to there.
+//! Messages are read by the names in the file's own schema, so fields of a recording of another version are read if their
+//! names are the same. A file without an end, of a recorder that was killed, is read as far as it goes.
 
 use crate::collector::Collector;
 use crate::error::ImportError;

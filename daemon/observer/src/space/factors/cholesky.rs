@@ -1,7 +1,7 @@
-//! K = R Rᵀ and R⁻¹, in place and block by block, so that nearly all work is products of large matrices.
+//! Computes K = R Rᵀ and R⁻¹ in place, block by block, so that nearly all work is products of large matrices.
 //!
-//! nalgebra's own factorisation and substitution go column by column, at the speed of the memory: at 4096 centers they
-//! take minutes where its product of matrices takes seconds.
+//! nalgebra's own factorisation and substitution go column by column, and memory limits their speed: at 4096 centers they
+//! take minutes, and its product of matrices seconds.
 
 use nalgebra::{DMatrix, DVector};
 

@@ -1,8 +1,8 @@
-//! The loops that a step spends its time in, in lanes of eight, compiled for the vector units of the machine that
-//! runs them and chosen once at start: AVX-512, AVX2 with FMA, NEON, or the baseline.
+//! The loops in which a step spends its time, in lanes of eight. Each is compiled for several vector units (AVX-512, AVX2
+//! with FMA, NEON, the baseline); the one for this machine is chosen once at start.
 //!
-//! Everything here is plain Rust over arrays of eight; `pulp` only compiles it several times. Sums run in a fixed
-//! order per machine, so the same samples give the same bits on the same machine.
+//! The code is plain Rust over arrays of eight, which `pulp` compiles several times. On one kind of vector unit sums have a
+//! fixed order, so the same samples give the same bits.
 
 use pulp::{Arch, Simd, WithSimd};
 

@@ -1,16 +1,16 @@
 //! Boxes of lattice points, in sums and differences of mirror images.
 //!
-//! A radial kernel does not see the mirror image of a box in any of its middle planes. In sums and differences of mirror
-//! images the Gram matrix falls apart into eight blocks of an eighth of the size, so that its factors take 1/8 of the
-//! memory, a product 1/8 of the multiplications, and factoring 1/64:
+//! The Gram matrix of a radial kernel on a box does not change when the box is mirrored in one of its middle planes. In sums
+//! and differences of mirror images it separates into eight blocks of an eighth of the size. Its factors then take 1/8 of
+//! the memory, a product 1/8 of the multiplications, and factoring 1/64:
 //!
 //! ```text
 //! u_s(o) = Σ_e (−1)^{s·e} v(o, e),    U_s = Σ_{e,e'} (−1)^{s·(e+e')} 𝔎(ξ(o,e), ξ(o',e')) = R_s R_sᵀ
 //! kᵀ K⁻¹ β = Σ_s (R_s⁻¹ u_s(k))ᵀ (R_s⁻¹ u_s(β))
 //! ```
 //!
-//! An *octet* o is a point and its mirror images e ∈ {0,1}³; s ∈ {0,1}³ is a symmetry. Of a box with fewer mirrored axes
-//! the octets, and the symmetries, are four or two.
+//! An *octet* o is a point with its mirror images e ∈ {0,1}³; s ∈ {0,1}³ is a symmetry. In a box with two mirrored axes or
+//! one, an octet has four or two points, and there are as many symmetries.
 
 use crate::space::factors::cholesky;
 use crate::space::factors::lanes::whole_lanes;

@@ -1,6 +1,6 @@
 //! The factor of the Gram matrix of a whole lattice, in sums and differences of mirror images (see [`crate::space::factors::mirror`]).
 //!
-//! The features of all symmetries, one after the other, are an orthonormal basis as those of the whole factor are:
+//! The features of all symmetries, in sequence, are an orthonormal basis, as those of the whole factor are:
 //!
 //! ```text
 //! φ_s = R_s⁻¹ u_s(k),    φᵀφ = Σ_s φ_sᵀ φ_s = kᵀ K⁻¹ k

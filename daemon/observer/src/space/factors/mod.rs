@@ -1,4 +1,4 @@
-//! Factors of the Gram matrix, packed for the vector unit; they know nothing of kernels.
+//! Factors of the Gram matrix, packed for the vector unit. Independent of the kernel.
 
 pub(crate) mod cholesky;
 pub(crate) mod lanes;

@@ -1,4 +1,4 @@
-//! A lower triangular matrix in panels, for products at the speed of the memory.
+//! A lower triangular matrix stored in panels, so that only the memory limits the speed of its products.
 
 use crate::space::factors::lanes::{LANES, Lanes, VectorLoop, whole_lanes};
 use nalgebra::DMatrix;
