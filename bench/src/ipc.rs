@@ -1,13 +1,13 @@
 //! `bench ipc`: what the service adds to bare shared memory.
 //!
-//! Two ways take turns in small batches of one run, between the same two cores, so that drift hits both:
+//! Two kinds of round trip take turns in small batches of one run, between the same two cores, so that drift affects both:
 //!
-//! | way | what a round trip is |
+//! | kind | a round trip |
 //! |---|---|
-//! | service | `Client` publishes a [`Measurement`], a `daemon run` that polls takes, judges and steps it, and publishes an [`Estimate`] that `Client` polls for |
+//! | service | `Client` publishes a [`Measurement`], a polling `daemon run` takes it, checks it, steps the observer and publishes an [`Estimate`] for which `Client` polls |
 //! | bare | the same two payloads through iceoryx2's ports alone, another process echoing them |
 //!
-//! Both sides of both ways copy the payloads out of shared memory, as a user's program does. The process that is not
+//! Both sides of both kinds copy the payloads out of shared memory, as a user's program does. The process that is not
 //! measured is stopped (SIGSTOP), so that it does not compete for the other's core.
 
 use crate::harness::exchange::{Exchange, MovingVehicle, Reply, ServiceExchange, Trip, connect, round_trip};

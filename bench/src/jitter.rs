@@ -1,8 +1,8 @@
 //! `bench jitter`: how late the service's cycle wakes up.
 //!
-//! The cycle's own wait is measured ([`daemon::deadline::wait_for_deadline`]), in a thread on a core of its own, beside
+//! Measures the cycle's own wait function ([`daemon::deadline::wait_for_deadline`]), in a thread on a core of its own, beside
 //! cyclictest at the same rate and priority on the same core. All take turns in slices of one run, so that drift affects
-//! all alike. As cyclictest does, we lock memory and keep the processor awake; the report tells what was not granted.
+//! all alike. As cyclictest does, this program locks its memory and disables idle states; the report lists what was refused.
 
 use crate::harness::latency::{HEADER, cells, summary};
 use crate::harness::machine::Machine;

@@ -1,5 +1,4 @@
-//! The filter that the observer is compared with: a Kalman filter with a random-walk force per axis, from the crate
-//! `adskalman`.
+//! The Kalman filter with which the observer is compared: a random-walk force per axis, with the crate `adskalman`.
 //!
 //! ```text
 //! v' = (u + f)/m,   f' = w,   y = v + δ        w white with density q (N²/s), δ white with variance r

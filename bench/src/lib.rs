@@ -1,20 +1,21 @@
-//! Measurement of the observer and of the service around it. The figures in the project's documents come from these
-//! commands; where a command is gone, the document names the commit that had it.
+//! Measures the observer and the service. The figures in the project's documents come from these commands; for a command
+//! that has been removed, the document names the last commit that contains it. Depends on the service, the simulator and the
+//! importers; no other crate depends on this one.
 //!
-//! | room | command | measures |
+//! | module | command | measures |
 //! |---|---|---|
-//! | `demo` | `bench demo` | the whole job: service and simulated vehicle as two processes |
-//! | [`paper`] | `bench paper` | the paper's two examples: table, figures, errors |
+//! | `demo` | `bench demo` | errors of the whole system: service and simulated vehicle as two processes |
+//! | [`paper`] | `bench paper` | errors in the paper's two examples, with their table and figures |
 //! | `step` | `bench step` | latency of a step as the number of centers grows |
 //! | `ipc` | `bench ipc` | a round trip through the service, beside one through bare shared memory |
 //! | `service` | `bench service` | a sample's stamp to its estimate, by trigger and rate |
 //! | `jitter` | `bench jitter` | how late the service's cycle wakes up, beside cyclictest |
-//! | `load` | `bench load` | what further readers and further vehicles cost |
+//! | `load` | `bench load` | the cost of further readers and further vehicles |
 //! | `soak` | `bench soak` | a long run on a loaded machine: losses, memory |
 //! | `flights` | `bench replay`, `bench tune` | accuracy on a recorded flight; a configuration for it |
 //!
-//! They share `harness` (processes, exchange, quantiles, tables), `plot` (figures as SVG) and `kalman` (the filter that
-//! is compared with). A measurement imports these and no other measurement; [`cli`], the command line, imports all.
+//! They share `harness` (processes, exchange, quantiles, tables), `plot` (figures as SVG) and `kalman` (the filter of the
+//! comparisons). A measurement imports these and no other measurement; [`cli`], the command line, imports all.
 
 pub mod cli;
 mod demo;

@@ -1,9 +1,9 @@
-//! `bench load`: what the service costs as more is asked of one machine.
+//! `bench load`: the cost of further readers and further vehicles on one machine.
 //!
-//! | part | what grows | what is looked at |
+//! | part | what increases | what is measured |
 //! |---|---|---|
 //! | readers | subscribers of one instance's estimates, each served at every tick | the tick, a sample's stamp to its estimate, shared memory |
-//! | instances | vehicles: a service and a publisher each, as processes of their own, in one domain | the tick, processor time per tick, private and shared memory |
+//! | instances | vehicles in one domain, each a service and a publisher as two processes | the tick, processor time per tick, private and shared memory |
 
 use crate::harness::exchange::drive_service;
 use crate::harness::latency::{cells, summary};

@@ -1,4 +1,4 @@
-//! Measurement of the observer and its service; see `bench --help`.
+//! The program `bench`; see `bench --help`.
 
 fn main() -> std::process::ExitCode {
     bench::cli::main_with_args(std::env::args_os())

@@ -1,8 +1,8 @@
-//! `bench service`: from a sample's stamp to the estimate that holds it, in the hands of a reader that polls.
+//! `bench service`: the time from a sample's stamp until a polling reader has the estimate that contains it.
 //!
-//! This process is vehicle and reader, on a core of its own; the service is a process on another one. The
-//! samples come at the service's rate but for one period over the whole run: where a timer decides when
-//! the service looks, each distance between its tick and the sample is met as often as any other.
+//! This process is vehicle and reader, on a core of its own; the service is a process on another core. The rate of the
+//! samples differs from that of the service by one period over the whole run. With a timer, each phase between tick and
+//! sample therefore occurs equally often.
 
 use crate::harness::exchange::{Seen, drive_service};
 use crate::harness::latency::{HEADER, cells, summary};

@@ -1,5 +1,5 @@
-//! `bench soak`: the service for a long time beside processes that load all cores. The command fails where a sample is
-//! neither used nor counted, where an estimate is not finite, or where memory grows.
+//! `bench soak`: runs the service for a long time beside processes that load all cores. The command fails if a sample is
+//! neither used nor counted, if an estimate is not finite, or if memory grows.
 
 use crate::harness::latency::{HEADER, cells};
 use crate::harness::options::{parse_rate_hz, parse_seconds};

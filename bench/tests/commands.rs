@@ -1,4 +1,4 @@
-//! The commands as a user runs them.
+//! The commands of `bench` as a user runs them.
 
 use crate::programs::{BENCH, bench, document, run_and_leave_nothing, shared_memory_of};
 use rustix::process::Signal;

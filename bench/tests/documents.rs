@@ -1,5 +1,5 @@
-//! Every command that a document names is one that its program understands. CI runs the `sh` blocks of the documents; these
-//! are the others: in the text, in tables, in indented blocks.
+//! Every command in a document is accepted by its program, and every link leads to a file. CI runs the `sh` blocks of the
+//! documents; these tests check the other commands: in the text, in tables, in indented blocks.
 
 use crate::programs::bench;
 use std::path::{Path, PathBuf};

@@ -1,8 +1,7 @@
-//! Every kind of fault: after each the estimate must be back, and what was done to the samples must have been counted,
-//! one by one.
+//! Every kind of fault: afterwards the estimate must be back at its level, and every affected sample must be counted.
 //!
-//! Faults of samples go through the engine on simulated time, where the counts are exact. Faults of processes, and some
-//! of samples beside them, go through the demo: real processes, where a busy machine may add losses of its own.
+//! Faults of samples are tested with the engine on simulated time, where the counts are exact. Faults of processes, and some
+//! of samples with them, are tested with the demo: real processes, where a busy machine may add losses of its own.
 
 use crate::programs::{bench, document};
 use daemon::config::ConfigFile;

@@ -1,5 +1,5 @@
-//! `bench ipc`, `service`, `jitter` and `load` as a user runs them, in tiny: documents that scripts can rely
-//! on, and nothing left behind. No test asserts a time.
+//! `bench ipc`, `service`, `jitter` and `load` as a user runs them, for a short time: the JSON documents are complete, and no
+//! files are left behind. No test asserts a time.
 
 use crate::programs::{BENCH, bench, run_and_leave_nothing, shared_memory_of};
 use rustix::process::Signal;

@@ -1,4 +1,4 @@
-//! Recorded flights: a log that is cut off anywhere, and what `bench tune` makes of a flight.
+//! Recorded flights: a log that is truncated anywhere, and the result of `bench tune`.
 
 use crate::programs::{bench, document};
 use importers::{ImportOptions, parse_flight};

@@ -1,8 +1,7 @@
 //! The commands of `bench` as users run them, and the product as a whole: service, simulator and bridge as real processes.
 //!
-//! One program for all of them: it is linked once. `regression` stands apart: it guards every estimate to the bit.
-//! Tests that need a processor of their own are listed in `.config/nextest.toml`; those that take long are ignored
-//! with a reason.
+//! All tests are in one program, which is linked once, except `regression`, which checks every estimate to the bit. Tests
+//! that need a processor of their own are listed in `.config/nextest.toml`. Tests that take long are ignored, with a reason.
 
 mod commands;
 mod documents;

@@ -1,7 +1,7 @@
-//! The MAVLink bridge between a live daemon and a vehicle made of pymavlink, over loopback and a pseudo terminal.
+//! The MAVLink bridge between a live daemon and a vehicle simulated with pymavlink, over loopback and a pseudo terminal.
 //!
-//! The vehicle (`mavlink_peer.py`) computes its rotations itself, and its clock is ours less an offset that it knows: values
-//! and stamps are compared with what it says they were.
+//! The vehicle (`mavlink_peer.py`) computes rotations with its own code, and its clock differs from ours by a known offset.
+//! Values and stamps are compared with those that it reports.
 
 use crate::programs::BENCH;
 use serde_json::Value;

@@ -1,4 +1,4 @@
-//! The program of these tests, which is the service, the simulator and the bridge as well.
+//! Runs `bench` as the program under test; it contains the service, the simulator and the bridge too.
 
 use serde_json::Value;
 use std::path::PathBuf;

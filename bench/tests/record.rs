@@ -1,4 +1,4 @@
-//! A flight record replays to the same bits: with dropouts, commands, a kill and a restart in it.
+//! A flight record with dropouts, commands, a kill and a restart replays to the same bits.
 
 use crate::programs::{BENCH, bench};
 use shared_types::payload::command;

@@ -1,8 +1,8 @@
-//! Regression: what every preset makes of every scenario, and of a recorded flight, has not changed by a bit.
+//! Regression: the estimates of every preset in every scenario, and of a recorded flight, have not changed by a bit.
 //!
-//! No clock and no port: simulated samples go through the engine, and through the observers alone. The hashes of all
-//! estimates are in `regression.txt`, made by this code itself: they tell that something changed, not that it is right.
-//! A change that is meant: `REGRESSION_WRITE=1 cargo test -p bench --test regression`, and say why in the commit.
+//! Simulated samples go through the engine, and through the observers alone, without clock and ports. The hashes of all
+//! estimates are in `regression.txt`. This code made them, so they show that something changed, not that it is right. After
+//! an intended change: `REGRESSION_WRITE=1 cargo test -p bench --test regression`, with the reason in the commit.
 
 use daemon::assemble;
 use daemon::config::{Clock, ConfigFile};

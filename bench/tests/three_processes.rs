@@ -1,5 +1,5 @@
-//! Daemon, vehicle and reader as three processes: every sample is accounted for, and a process that is killed at any
-//! time and started again goes on by itself.
+//! Daemon, vehicle and reader as three processes: every sample is accounted for, and after any of them is killed and started
+//! again, the others continue without help.
 
 use crate::programs::BENCH;
 use daemon::ServiceFiles;

@@ -1,4 +1,4 @@
-//! Bytes as numbers, stamps and samples that are worth trying.
+//! Turns bytes into numbers, stamps and samples that often reveal faults.
 
 use shared_types::Measurement;
 use shared_types::payload::{frame, valid};

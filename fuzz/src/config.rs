@@ -1,4 +1,5 @@
-//! Any text as a configuration: a message or a service, never a panic; and what was accepted reads back as itself.
+//! Any text as a configuration: an error message or an estimator, no panic. An accepted configuration, printed, reads back as
+//! itself.
 
 use daemon::assemble;
 use daemon::config::{Config, ConfigFile};

@@ -1,4 +1,4 @@
-//! What holds for every imported flight.
+//! Properties of every imported flight.
 
 use importers::{ImportError, ImportOptions, Importer, RecordedFlight, parse_flight};
 use shared_types::Measurement;

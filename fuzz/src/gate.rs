@@ -1,4 +1,5 @@
-//! Any samples, from any sources, at any times: each is accepted or rejected, and what is accepted can be believed.
+//! Any samples, from any sources, at any times: an accepted sample is within the limits and newer; a rejected one changes
+//! nothing.
 
 use crate::bytes::Bytes;
 use daemon::config::{InputConfig, SourcePolicy};

@@ -1,7 +1,8 @@
-//! Fuzz targets: any bytes go in, a property must hold. One target a file; `bytes` and `flights` are what they share.
+//! Fuzz targets: functions that take arbitrary bytes and check a property. One file per target; `bytes` and `flights` are
+//! shared.
 //!
-//! The targets are ordinary functions. `tests/seeds.rs` runs them over the seeds; `src/main.rs` hands them to libFuzzer.
-//! May depend on every crate of the workspace but bench, monitor and the C client.
+//! `tests/seeds.rs` runs the targets on the seeds, as ordinary tests; `src/main.rs` runs one under libFuzzer. May depend on
+//! every crate of the workspace but `bench`, `monitor` and the C client.
 
 mod bytes;
 mod config;

@@ -1,4 +1,4 @@
-//! libFuzzer's program for all targets. `FUZZ_TARGET` names the one to run.
+//! The program for libFuzzer. The environment variable `FUZZ_TARGET` names the target to run.
 
 #![no_main]
 

@@ -1,4 +1,4 @@
-//! Any bytes as what arrives from a vehicle: raw, or as the payload of a frame whose sum is right, at any times.
+//! Any bytes from a vehicle, raw or as the payload of a frame with a correct check sum, at any times.
 
 use crate::bytes::Bytes;
 use mavlink::dialects::common::MavMessage;

@@ -1,5 +1,5 @@
-//! Any bytes as a flight record, and any bytes in the place of a whole one's: no panic, no hang, every byte is part of
-//! a frame or counted as torn, and a replay ends.
+//! Any bytes as a flight record, or as its frames: no panic, no hang. Every byte is part of a frame or counted as torn, and
+//! a replay ends.
 
 use daemon::config::ConfigFile;
 use daemon::replay::check;

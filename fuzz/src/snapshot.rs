@@ -1,5 +1,5 @@
-//! Any bytes as a snapshot, with the right header and sum or without: a message, or a snapshot that an engine resumes
-//! from or refuses; what it then says is finite.
+//! Any bytes as a snapshot, with a correct header and check sum or without: an error message, or a snapshot that an engine
+//! resumes from or refuses. Its estimates are then finite.
 
 use daemon::assemble;
 use daemon::config::ConfigFile;

@@ -1,5 +1,5 @@
-//! Any samples at any times through gate, observers and guard, with an operator's commands in between: no panic, no
-//! hang, and every estimate that would be published is finite.
+//! Any samples at any times, with commands between them, through gate, observers and guards: no panic, no hang, and every
+//! estimate that would be published is finite.
 
 use crate::bytes::Bytes;
 use daemon::assemble;

@@ -1,4 +1,4 @@
-//! Every seed through its target, without instrumentation: the findings of earlier fuzzing stay fixed.
+//! Runs every seed through its target, without instrumentation, so that the faults found by fuzzing stay fixed.
 
 use fuzz::TARGETS;
 use std::panic::catch_unwind;

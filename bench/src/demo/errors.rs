@@ -1,4 +1,4 @@
-//! Errors of estimates against the truth at the same instant.
+//! Errors of estimates, each against the truth of the same instant.
 
 use anyhow::{Context, ensure};
 use daemon::assemble;

@@ -1,10 +1,9 @@
-//! What each fault of a demo did: how far the estimate went, how soon it was back, and what the service counted.
+//! The effect of each fault of a demo: the largest error, the time until the estimate is back, and the service's counters.
 //!
-//! The measure is the same run without faults: the simulation with the same seed through the same library, at the
-//! instants of the estimates that were seen. Its RMS error from 2 s before a fault to 2 s after it is the fault's
-//! *fault-free level*. The estimate is *back* at the first instant after the fault from which on its RMS error over 0.5 s
-//! is at most 1.5 times that level. What lasts longer shows in the RMS error from 2 s to 5 s after the fault, or until
-//! the next one.
+//! The reference is the same run without faults: the simulation with the same seed through the same library, at the
+//! instants of the recorded estimates. Its RMS error from 2 s before a fault to 2 s after it is the fault's *fault-free
+//! level*. The estimate is *back* at the first instant after the fault from which on its RMS error over 0.5 s is at most
+//! 1.5 times that level. The RMS error from 2 s to 5 s after the fault, or until the next one, shows lasting effects.
 
 use super::errors::{Quantity, Run};
 use crate::harness::output::table;

@@ -1,16 +1,15 @@
 //! `bench demo`: the service and a simulated vehicle as two processes, in a domain of their own.
 //!
-//! This process only reads measurements, truth and estimates from shared memory, like any other reader. The comparison
-//! without adaptation runs the same library on the same samples afterwards. With `--faults`, things go wrong on purpose:
-//! `sim_publisher` carries out the faults of samples and of the vehicle's process, `recording` those of the service's
-//! process.
+//! This process only reads measurements, truth and estimates from shared memory, like any other reader. Afterwards it runs
+//! the same library on the same samples without adaptation, for comparison. With `--faults`, `sim_publisher` injects the
+//! faults of samples and of the vehicle's process, and `recording` those of the service's process.
 //!
 //! | file | what lives there |
 //! |---|---|
-//! | `recording` | the processes, and what was seen of them |
-//! | `errors` | errors of estimates against the truth at the same instant |
-//! | `faults` | what each fault did |
-//! | `report` | tables, document and panels |
+//! | `recording` | the processes, and the messages recorded of them |
+//! | `errors` | errors of estimates against the truth |
+//! | `faults` | the effect of each fault |
+//! | `report` | tables, JSON document and panels |
 
 mod errors;
 mod faults;

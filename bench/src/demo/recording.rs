@@ -1,4 +1,4 @@
-//! The run itself: service and vehicle as processes, the faults of the service, and what is seen in shared memory.
+//! The run: starts service and vehicle as processes, injects faults of the service, and records the messages.
 
 use super::errors::Quantity;
 use crate::harness::output::progress_bar;

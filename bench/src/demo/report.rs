@@ -1,4 +1,4 @@
-//! What the demo shows at its end: a table, a figure, or one JSON document.
+//! The report of a demo: a table and a figure, or one JSON document.
 
 use super::errors::{Quantity, RmsMax, Run, quaternion, truth_at};
 use super::faults::FaultReport;

@@ -1,4 +1,4 @@
-//! How well an estimator predicts a recorded flight: the next sample, and the end of a coast without measurements.
+//! The accuracy of an estimator on a recorded flight: errors of the next sample's prediction, and after a coast.
 
 use crate::kalman::KalmanFilter;
 use anyhow::ensure;

@@ -1,4 +1,4 @@
-//! Which recorded flight, and which configuration: the arguments of everything that works on one.
+//! The arguments that choose a recorded flight and a configuration.
 
 use super::accuracy::Flight;
 use anyhow::Context;

@@ -1,4 +1,4 @@
-//! `bench replay --check`: a flight record, replayed and compared estimate by estimate.
+//! `bench replay --check`: replays a flight record and compares every estimate.
 
 use crate::harness::output::{show, table};
 use anyhow::{Context, bail, ensure};

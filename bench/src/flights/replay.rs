@@ -1,9 +1,9 @@
 //! `bench replay`: how well the observer predicts a recorded flight, beside a Kalman filter.
 //!
-//! On the same samples, over the second half of the time in the air: the error of the next sample's
-//! prediction, and the error after a coast of `--coast-s` with the recorded commands, started every 0.25 s; and
-//! the same coasts over the whole flight but its first 2 s, learning as it goes. The Kalman filter's q is
-//! swept, and each of its columns shows the best of all q, which favours the filter.
+//! Both get the same samples. Three errors are computed: that of the next sample's prediction, and that after a coast of
+//! `--coast-s` with the recorded commands, started every 0.25 s, both over the second half of the time in the air; and that
+//! of the same coasts over the whole flight except its first 2 s, while the observer learns. The q of the Kalman filter is
+//! swept, and each of its columns has the best value of all q, which favours the filter.
 
 use super::accuracy::{
     Accuracy, COAST_EVERY_S, Flight, LEARN_IN_S, ObserverEstimator, best, evaluate, evaluate_kalman,

@@ -5,15 +5,15 @@
 //! `J = w ln(c / c₀) + (1 − w) ln(s / s₀)`
 //!
 //! with c the geometric mean of the errors after a coast, s that of the next sample's prediction, and ₀ those of the
-//! configuration to start from. Ratios let a fast manoeuvre count no more than a calm second. The search
+//! configuration to start from. Ratios give a fast manoeuvre the same weight as a calm second. The search
 //! (Nelder–Mead, from several simplices) runs in the logarithms of λ, Γ, ℓ, the dead zone and the centers' spacing over
-//! ℓ. A configuration that the observer refuses as unstable costs more than any other, so that only provably stable ones
-//! are chosen.
+//! ℓ. A configuration that the observer refuses as unstable costs more than any other, so only provably stable ones are
+//! chosen.
 //!
-//! The chosen configuration has the least `J + μ ‖q‖²` of all that were tried, with q the logarithms of the factors on the
-//! start's numbers. The second term prefers configurations near the start. μ is cross-validated over time: for each
-//! block, the candidate that is chosen on the others is judged on it, and the highest μ within a standard error of the
-//! best one is taken (Breiman et al., *Classification and Regression Trees*, 1984, §3.4.3).
+//! The chosen configuration has the least `J + μ ‖q‖²` of all candidates, with q the logarithms of its values over those of
+//! the start. The second term prefers configurations near the start. μ is cross-validated over time: the candidate that is
+//! chosen on all blocks but one is evaluated on that block, and the highest μ within a standard error of the best one is
+//! used (Breiman et al., *Classification and Regression Trees*, 1984, §3.4.3).
 
 use super::accuracy::{Finding, Flight, ObserverEstimator, fly};
 use anyhow::{Context, ensure};

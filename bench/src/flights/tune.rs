@@ -1,5 +1,5 @@
-//! `bench tune`: searches a configuration of the translation on the first half of a recorded flight (`search`), and judges
-//! it on the second half, which the search does not see.
+//! `bench tune`: searches a configuration of the translation on the first half of a recorded flight (`search`), and evaluates
+//! it on the second half, which the search does not use.
 
 use super::accuracy::{Flight, ObserverEstimator, best, evaluate, evaluate_kalman};
 use super::arguments::{FlightArguments, Replay};

@@ -1,4 +1,4 @@
-//! The vehicle's side of a measured exchange: a sample goes out, the estimate that holds it comes back.
+//! The vehicle's side of a measured exchange: sends a sample and waits for the estimate that contains it.
 
 use super::processes::{Child, OwnDomain, PATIENCE, ServiceSettings};
 use anyhow::{Context, bail};

@@ -1,4 +1,4 @@
-//! Quantiles of latencies, and how tables show them.
+//! Quantiles of latencies, and their columns in tables.
 
 use super::output::microseconds;
 use shared_types::LatencySummary;

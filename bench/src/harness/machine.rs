@@ -1,4 +1,4 @@
-//! The machine that a measurement ran on, and the core that it was pinned to.
+//! Describes the machine of a measurement and the core that it is pinned to.
 
 use anyhow::Context;
 use daemon::system::{machine, real_time};

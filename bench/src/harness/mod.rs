@@ -1,12 +1,12 @@
-//! What several measurements share. Nothing here imports a measurement.
+//! Helpers that several measurements share. No file here imports a measurement.
 //!
 //! | file | what lives there |
 //! |---|---|
 //! | `processes` | the programs as processes in a domain of their own |
 //! | `exchange` | the vehicle's side of a measured exchange of samples and estimates |
-//! | `latency` | quantiles of latencies, and how tables show them |
-//! | `machine` | the machine that the figures are of |
-//! | `options` | values of options that several commands have |
+//! | `latency` | quantiles of latencies, and their columns in tables |
+//! | `machine` | the machine of a measurement |
+//! | `options` | value parsers of options that several commands share |
 //! | `output` | tables, numbers, progress, shared messages |
 
 pub(crate) mod exchange;

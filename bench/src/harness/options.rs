@@ -1,4 +1,4 @@
-//! Values of options that several commands have.
+//! Value parsers of options that several commands share.
 
 /// A rate that a timer of microseconds can keep.
 pub(crate) fn parse_rate_hz(text: &str) -> Result<f64, String> {

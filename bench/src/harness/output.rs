@@ -1,4 +1,4 @@
-//! What the commands print: tables, numbers, progress, and the messages that several of them share.
+//! Output of the commands: tables, numbers, progress, shared messages.
 
 use comfy_table::{CellAlignment, Table, presets};
 use indicatif::{ProgressBar, ProgressStyle};

@@ -1,4 +1,4 @@
-//! Processes of a measurement and their domain. Both are removed when the measurement ends, also after an error.
+//! The processes of a measurement and their domain. Both are removed when the measurement ends, also after an error.
 
 use anyhow::{Context, bail};
 use daemon::config::PRESETS;

@@ -1,15 +1,14 @@
-//! `bench paper`: the two examples of the paper, run from its equations: no clock, no chance, no shared memory.
+//! `bench paper`: runs the two examples of the paper deterministically, without clock and shared memory.
 //!
-//! The truth comes from `sim_publisher`, the observer from the library that flies. Every number of the paper is an
-//! option, so that the effect of each can be seen. The run is written as a table and drawn as the paper's
-//! figures.
+//! `sim_publisher` computes the truth, and the service's own library the estimate. Every number of the paper is an option.
+//! The run is written as a table and drawn as the paper's figures.
 //!
 //! | module | holds |
 //! |---|---|
 //! | [`settings`] | the options, and every number of a run |
-//! | [`mod@run`] | the run: what happens from one sample to the next |
+//! | [`mod@run`] | the run: the step from one sample to the next |
 //! | [`rows`] | one row of the table, and the table as a file |
-//! | [`report`] | errors of a run; what is printed of them |
+//! | [`report`] | errors of a run, and their table |
 //! | `figures` | position, Euler angles and angular rate against time |
 //!
 //! # Source

@@ -1,4 +1,4 @@
-//! Errors of a run, and what is printed of them.
+//! Errors of a run, and their table.
 
 use super::rows::Row;
 use super::run::Run;

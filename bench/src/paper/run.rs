@@ -10,7 +10,7 @@
 //! q̂_{j+1} = q̂_j ⊗ exp(½ h ω̄),  ω̄ = (ω̂_j + ω̂_{j+1})/2           rotation
 //! ```
 //!
-//! The truth moves by Runge–Kutta steps of at most 1 ms under the held u_j and its own f, felt without pause.
+//! The truth is integrated by Runge–Kutta steps of at most 1 ms, under the held u_j and f at every stage.
 
 use super::rows::{Motion, Row};
 use super::settings::{Example, FeltAt, Initial, Scheme, Settings, UsageError};

@@ -1,4 +1,4 @@
-//! One axis: from values to a share of its length, and its ticks with their labels.
+//! One axis: maps values to fractions of its length, and computes ticks with labels.
 
 /// Values to a share of the axis' length.
 #[derive(Debug, Clone, Copy, PartialEq)]

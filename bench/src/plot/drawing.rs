@@ -1,4 +1,4 @@
-//! Layout of a figure, and the figure as an SVG file.
+//! Lays a figure out and writes it as an SVG file.
 
 use super::axis::{Axis, Ticks};
 use super::figure::{Figure, PageSize, Panel, Shade};

@@ -1,4 +1,4 @@
-//! What a figure is made of.
+//! The parts of a figure: panels, lines, shades.
 
 /// Panels over one x axis; `write` in `drawing` makes the file.
 #[derive(Debug, Clone, PartialEq)]

@@ -1,4 +1,4 @@
-//! How each line looks: its colour, width, dashes and marker.
+//! The style of each line: colour, width, dashes and marker.
 
 use super::figure::{Line, LineStyle};
 

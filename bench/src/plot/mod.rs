@@ -1,12 +1,12 @@
-//! Figures: stacked panels over one x axis, written as SVG by this folder alone, without a plotting library or a font.
+//! Figures: stacked panels over one x axis, written as SVG without a plotting library or a font.
 //!
 //! | file | what lives there | imports |
 //! |---|---|---|
-//! | `figure` | what a figure is made of: panels, lines, shades | nothing |
-//! | `axis` | values to places, ticks and their labels | nothing |
+//! | `figure` | the parts of a figure: panels, lines, shades | nothing |
+//! | `axis` | values to positions, ticks and their labels | nothing |
 //! | `svg` | the SVG elements, and an estimate of a text's width | nothing |
 //! | `look` | colours, dashes and markers of the lines | `figure` |
-//! | `drawing` | layout, and the figure as a file | all of these |
+//! | `drawing` | the layout, and writing the file | all of these |
 
 mod axis;
 mod drawing;

@@ -1,7 +1,7 @@
 //! The elements of an SVG picture, and an estimate of a text's width.
 //!
-//! Everything is an attribute of its element: the picture has no style sheet, no identifiers and no blank lines, so it
-//! can stand inside an HTML page. Text stays text; the viewer's own sans-serif font sets it.
+//! All properties are attributes of their elements: the picture has no style sheet, no identifiers and no blank lines, so it
+//! can be embedded in an HTML page. Text remains text, in the viewer's sans-serif font.
 
 use std::fmt::Write;
 

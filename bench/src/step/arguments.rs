@@ -1,4 +1,4 @@
-//! The options of `bench step`, and which sizes and contestants follow from them.
+//! The options of `bench step`, and the sizes and contestants that follow from them.
 
 use super::subject::{Solver, Subject};
 use crate::harness::options::parse_seconds;

@@ -1,4 +1,4 @@
-//! A step of adskalman's Kalman filter with 6 states and 3 outputs: what a vehicle uses that does not model the force.
+//! A step of adskalman's Kalman filter with 6 states and 3 outputs, the usual estimator of a vehicle without a force model.
 
 use super::channel::{MASS_KG, STEP_S};
 use crate::kalman::{Motion, Output};

@@ -1,4 +1,4 @@
-//! The paper's law written out with nalgebra: what it costs to take the formula at its word.
+//! The paper's law written literally with nalgebra, to measure the cost of the formula as it is printed.
 
 use super::channel::{ADAPTATION_RATE, GAIN_PER_S, INPUT, KERNEL, LENGTH_SCALE, MASS_KG, STEP_S, dead_zone};
 use anyhow::{Context, bail};

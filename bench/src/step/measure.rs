@@ -1,5 +1,5 @@
-//! Contestants take turns in small batches of one run, so that a slower clock or another process affects all of them
-//! alike. Each step is timed on its own, the clock's cost included.
+//! Measures the contestants in turns, in small batches of one run, so that a slower clock or another process affects all of them
+//! alike. Each step is timed separately, including the cost of the clock.
 
 use super::arguments::StepArguments;
 use super::channel::{DEAD_ZONE_WIDTH, INPUT, STEP_S, wandering_outputs};

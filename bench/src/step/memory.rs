@@ -1,4 +1,4 @@
-//! How fast this machine reads memory: what a large factor, read once a step, can at best be read at.
+//! Measures how fast this machine reads memory, which limits a step that reads a large factor.
 
 use std::hint::black_box;
 

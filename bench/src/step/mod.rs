@@ -1,6 +1,6 @@
-//! `bench step`: what one whole step of a channel costs, as the number of centers N grows.
+//! `bench step`: the cost of one step of a channel by the number of centers N.
 //!
-//! | contestant | what a step is |
+//! | contestant | a step |
 //! |---|---|
 //! | dense | [`observer::Channel::step`], all centers |
 //! | local | the same with the local solver, on lattices up to a million centers |
@@ -8,8 +8,7 @@
 //! | Kalman | adskalman's filter with 6 states (velocity, disturbance) and 3 outputs |
 //! | memory | reading memory: the lower bound of a step whose factor is in no cache |
 //!
-//! They take turns (`measure`). Before that, ours and the literal formula must have found the same force, so that two
-//! forms of one law are compared.
+//! The contestants take turns (`measure`). Before the measurement, our step and the literal formula must give the same force.
 //!
 //! | file | what lives there |
 //! |---|---|
@@ -18,7 +17,7 @@
 //! | `subject` | the channel with its solver |
 //! | `literal`, `kalman`, `memory` | the other contestants |
 //! | `measure` | the turns |
-//! | `report`, `figure` | table, document and findings; the plot |
+//! | `report`, `figure` | table, JSON document and findings; the plot |
 
 mod arguments;
 mod channel;

@@ -1,4 +1,4 @@
-//! What was measured: rows, their table, their document, and what they say in words.
+//! The report of `bench step`: rows, their table, the JSON document, and findings in words.
 
 use super::subject::Solver;
 use crate::harness::machine::Machine;

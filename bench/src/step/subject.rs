@@ -1,4 +1,4 @@
-//! What is measured: a channel with a solver and a number of centers.
+//! The channel that is measured, with its solver and number of centers.
 
 use super::channel;
 use observer::{BodyChannel, SolverInUse};
