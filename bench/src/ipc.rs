@@ -240,7 +240,7 @@ fn subscriber<T: iceoryx2::prelude::ZeroCopySend + std::fmt::Debug>(
 }
 
 /// The other side of the bare way, a process of its own: `bench echo --root PATH`. It answers every sample
-/// with an estimate, polling, until it is told to end.
+/// with an estimate, polling, until it is stopped.
 ///
 /// # Errors
 /// Other arguments; shared memory that cannot be used.

@@ -274,7 +274,7 @@ fn a_serial_line_works_like_the_network_and_is_waited_for_when_it_goes() {
     let mut rest = String::new();
     said.read_to_string(&mut rest).unwrap();
     let heard: Value = serde_json::from_str(&rest).unwrap();
-    // Its end of the line is gone, as with a plug pulled out.
+    // The other end of the serial line is closed, as if the plug were pulled out.
     std::thread::sleep(Duration::from_millis(300));
     let Ended { code, out, log } = bridge.stop();
     assert!(code == Some(0) && log.contains("waiting for it to come back"), "{log}");

@@ -54,7 +54,7 @@ impl ChannelCheck {
     }
 }
 
-/// Everything that `daemon check` tells of a configuration.
+/// Everything that `daemon check` prints about a configuration.
 ///
 /// # Errors
 /// What [`assemble::estimator`] refuses, but for an unstable design: that is a finding.

@@ -22,10 +22,10 @@ use shared_types::clock::monotonic_ns;
 use shared_types::payload::{Counters, Measurement, status_bits};
 use std::sync::atomic::{AtomicBool, Ordering};
 
-/// The polling loop reads the clock once in this many looks: an empty look takes less than 0.1 µs.
+/// The polling loop reads the clock once in this many polls; a poll of an empty queue takes less than 0.1 µs.
 const LOOKS_BETWEEN_CLOCKS: usize = 16;
 
-/// What one tick tells the housekeeping thread.
+/// The record of one tick for the housekeeping thread.
 #[derive(Debug, Clone, Copy)]
 pub struct TickRecord {
     /// Deadline to wake-up (ns); `None` where a sample and not a deadline woke the loop.

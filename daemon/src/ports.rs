@@ -82,7 +82,7 @@ impl LoopPorts {
     pub fn publish(&mut self, estimate: &Estimate) {
         let sent = self.loan.take().is_some_and(|loan| loan.write_payload(*estimate).send().is_ok());
         if !sent {
-            // Sending fails when a reader's connection breaks meanwhile. The reader is gone; send again to the others.
+            // Sending fails if a reader's connection breaks meanwhile. That reader has ended; send again to the others.
             let _ = self.estimate.send_copy(*estimate);
         }
     }
@@ -165,7 +165,7 @@ impl Request {
 
     /// Answers it.
     pub fn answer(self, reply: Reply) {
-        // A client that is gone needs no answer.
+        // A client that has ended needs no answer.
         let _ = self.0.send_copy(reply);
     }
 }

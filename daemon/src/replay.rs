@@ -177,7 +177,7 @@ impl Replay {
 
 /// The first field that differs, and its two values.
 fn difference(recorded: &Estimate, replayed: &Estimate) -> Option<(String, String, String)> {
-    // Equal numbers may be other bits, -0 and 0, and NaN is equal to nothing: bytes tell.
+    // Bytes are compared, because equal numbers may have different bits (-0 and 0), and NaN is not equal to itself.
     let bytes = |estimate: &Estimate| postcard::to_allocvec(estimate).expect("numbers");
     if bytes(recorded) == bytes(replayed) {
         return None;

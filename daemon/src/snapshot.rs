@@ -176,13 +176,13 @@ impl Snapshot {
         })
     }
 
-    /// Writes a file: beside it first, synced, then renamed, the directory synced.
+    /// Writes a file beside `path`, syncs it, renames it to `path`, and syncs the directory.
     ///
     /// # Errors
     /// The system's reason.
     pub fn write(&self, path: &Path) -> io::Result<()> {
         let beside = with_suffix(path, ".new");
-        // Whatever is there was never finished, or is somebody's trap: it is not written through.
+        // An existing file was never finished, or another user has planted it: it is removed, not written to.
         match fs::remove_file(&beside) {
             Err(error) if error.kind() != io::ErrorKind::NotFound => return Err(error),
             _ => {}
@@ -226,10 +226,10 @@ fn read_file(path: &Path) -> io::Result<Vec<u8>> {
     Ok(bytes)
 }
 
-/// Makes the directory of the snapshots, for this user alone; one that is there must be so already.
+/// Makes the directory of the snapshots, writable by this user alone. An existing directory must be so already.
 ///
 /// # Errors
-/// The system's reason, or who else may write there.
+/// The system's reason, or that other users own the directory or may write to it.
 pub fn make_directory(path: &Path) -> io::Result<()> {
     fs::DirBuilder::new().recursive(true).mode(0o700).create(path)?;
     let metadata = fs::metadata(path)?;
@@ -325,10 +325,10 @@ pub fn boot_id() -> String {
     fs::read_to_string("/proc/sys/kernel/random/boot_id").unwrap_or_default().trim().into()
 }
 
-/// Takes over from `path` what was learned, and the state where it is fresh enough; tells what, and as one of
-/// [`shared_types::payload::restored`].
+/// Resumes what was learned from the snapshot at `path`, and the state if it is recent enough. Returns the checkpoint and one
+/// of [`shared_types::payload::restored`].
 ///
-/// A file that is no whole snapshot is set aside and said; it does not keep a vehicle on the ground.
+/// A damaged file is renamed, with a warning, and does not prevent a flight.
 ///
 /// # Errors
 /// `OtherDesign`, `OtherVersion`, or `Io` where the file exists and cannot be read.
@@ -339,7 +339,7 @@ pub fn take_over(
     engine: &mut Engine,
 ) -> Result<(Option<Checkpoint>, u64), SnapshotError> {
     let io_error = |cause| SnapshotError::Io { path: path.display().to_string(), cause };
-    // A fresh start sets an old file aside when it first has another one to put there.
+    // A fresh start renames the old file when the first new snapshot is written.
     if is_fresh || !path.try_exists().map_err(io_error)? {
         return Ok((None, restored::NOTHING));
     }
@@ -359,7 +359,7 @@ pub fn take_over(
         return Err(SnapshotError::OtherDesign { path, differences: differences.join("; ") });
     }
     let Checkpoint { learned, state } = snapshot.checkpoint;
-    // Of the newest sample that went into it: what was silent for long is not gone on from.
+    // The age of its newest sample: a state without recent samples is not resumed.
     let age_s = |state: &EngineState| {
         let stamp_ns = state.estimator.stamp_ns()?;
         Some(monotonic_ns().abs_diff(stamp_ns) as f64 / 1e9)
@@ -480,7 +480,7 @@ pub struct Saver {
     meaning: Vec<(String, String)>,
     save_every: Option<Duration>,
     patience: Duration,
-    /// What is on disk knows more than what comes next, if this differs from the copy's: it is set aside.
+    /// If this differs from the copy's, something was forgotten since: the file on disk is kept as `.old`.
     n_forgotten: Option<u64>,
     has_set_aside: bool,
     requests: rtrb::Producer<Copied>,
@@ -558,7 +558,7 @@ impl Saver {
 
     /// Asks the loop for a copy and writes it.
     fn save(&mut self, stop: &AtomicBool) -> Result<String, String> {
-        // A copy that came too late for the one who asked is not what is asked for now.
+        // A copy that arrived after its request had timed out is outdated.
         while let Ok(copy) = self.filled.pop() {
             self.blank = Some(copy);
         }

@@ -13,7 +13,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::time::Duration;
 
-/// The user called nobody.
+/// The user id of `nobody`.
 const OTHER_USER: u32 = 65534;
 /// Set where this test program plays another user.
 const ROOT_OF_VICTIM: &str = "ROOT_OF_VICTIM";
@@ -116,7 +116,7 @@ fn another_user_is_told_whose_service_it_is() {
     assert_eq!(domain.status().counters.commands, 0, "no command of theirs was carried out");
 }
 
-/// Played by the test below as another user who does not use our client: every door, tried directly.
+/// Started by the test below as another user: tries every access directly, without our client.
 #[test]
 #[ignore = "a part of another test"]
 fn try_every_door() {

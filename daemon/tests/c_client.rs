@@ -139,7 +139,7 @@ fn what_goes_in_comes_out_and_commands_are_answered() {
     let cut: Vec<u8> = text[..5].iter().map(|&byte| byte as u8).collect();
     assert_eq!(cut, [&reply.text().as_bytes()[..4], &[0]].concat());
 
-    // Without a service, publishing is no failure: the result tells it.
+    // Publishing without a service is not a failure; the result reports it.
     assert_eq!(daemon.stop().0, Some(0));
     let late = moving(100);
     assert_eq!(c::publish(handle, &raw const late), CallResult::Nothing);

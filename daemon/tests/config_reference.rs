@@ -8,7 +8,7 @@ fn schema() -> Value {
     serde_json::from_str(&reference::json_schema()).unwrap()
 }
 
-/// What is wrong with a value by a schema of the kind that is made here; a keyword it does not know is a failure.
+/// The faults of a value by a schema of the kind that is made here. An unknown keyword of the schema is a failure.
 fn faults(schema: &Value, value: &Value, at: &str) -> Vec<String> {
     let mut found = Vec::new();
     let inner = |schema: &Value| faults(schema, value, at);

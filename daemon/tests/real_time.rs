@@ -115,7 +115,7 @@ fn what_is_refused_is_told_with_reason_and_remedy_and_the_service_runs() {
     let document: serde_json::Value = serde_json::from_str(&json).unwrap();
     let refused = document["real_time"]["refused"].as_array().unwrap();
     let setting = |name: &str| refused.iter().find(|entry| entry["setting"] == name);
-    // A user may have been given the right: then there is nothing to tell.
+    // If the user has the right, the setting is not refused.
     if let Some(entry) = setting("priority") {
         let message = document["message"].as_str().unwrap();
         assert!(entry["remedy"].as_str().unwrap().contains("LimitRTPRIO"), "{entry}");

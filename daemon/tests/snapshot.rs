@@ -294,7 +294,7 @@ fn a_default_directory_that_cannot_be_made_is_no_reason_to_stay_on_the_ground() 
     domain.client();
     let (code, log) = daemon.stop();
     assert!(code == Some(0) && log.contains("below") && log.contains("no snapshots"), "{log}");
-    // What somebody asked for is not left out, and neither is a directory that others may write to.
+    // A directory that was requested explicitly must be usable, and must not be writable by others.
     let (code, log) = run(&|command| _ = command.env("OBSERVER_STATE", file.path().join("below"))).finish();
     assert!(code == Some(1) && log.contains("below"), "{log}");
     let open = std::os::unix::fs::PermissionsExt::from_mode(0o777);

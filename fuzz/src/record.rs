@@ -37,7 +37,7 @@ pub(crate) fn run(bytes: &[u8]) {
     if let Some((frames, torn)) = read_all(bytes) {
         assert!(frames > 0 || torn > 0 || bytes.is_empty() || bytes.chunks(16).all(|chunk| chunk == MARK));
     }
-    // As the frames of a session, each of a length that its first byte tells, with sums that fit.
+    // As the frames of a session: the first byte of each is its length, and the check sums are correct.
     let mut record = SESSION.with(|session| (**session).clone());
     let mut rest = bytes;
     let mut n = 1;

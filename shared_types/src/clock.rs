@@ -21,25 +21,25 @@ pub fn sleep_until_ns(deadline_ns: u64) {
 
 /// The least offset is sought over two of these: clocks drift apart by milliseconds meanwhile, at most (ns).
 const SPAN_NS: u64 = 60 * NS_PER_S;
-/// Stamps that go back by more come from a clock that was started anew (ns).
+/// Stamps that decrease by more come from a clock that was started anew (ns).
 const BACK_NS: u64 = NS_PER_S;
 
-/// The CLOCK_MONOTONIC of another machine, as far as the stamps of its messages tell it here.
+/// The CLOCK_MONOTONIC of another machine, estimated from the stamps of its messages.
 ///
 /// `offset = min over the last one to two minutes of (arrival − stamp)`
 ///
-/// That is what separates the two clocks plus the shortest way from there to here, which one side alone cannot
-/// tell apart: an age judged by it is the time *beyond* that shortest way.
+/// This is the offset of the two clocks plus the shortest delay of a message; one side alone cannot distinguish the two. An
+/// age computed with it is therefore the time *beyond* that shortest delay.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct SenderClock {
-    /// Ours minus theirs (ns): the least of the span before and of this one.
+    /// Our clock minus the sender's (ns): the least of the previous span and of this one.
     least_ns: [Option<i64>; 2],
     span_end_ns: u64,
     newest_stamp_ns: u64,
 }
 
 impl SenderClock {
-    /// Takes note of a message; true if its machine has started its clock anew, as at a reboot.
+    /// Uses the stamp of a message. Returns true if its machine has started its clock anew, as at a reboot.
     pub fn note(&mut self, stamp_ns: u64, arrival_ns: u64) -> bool {
         let is_anew = stamp_ns.saturating_add(BACK_NS) < self.newest_stamp_ns;
         if is_anew {

@@ -34,7 +34,7 @@ pub trait Published: ZeroCopySend + Debug + Copy + 'static {
     const MAX_PUBLISHERS: usize;
     /// Messages that wait for a slow reader; then the oldest is dropped.
     const BUFFER: usize;
-    /// Messages that a new reader is told.
+    /// Older messages that a new reader gets.
     const HISTORY: usize;
 }
 

@@ -184,7 +184,7 @@ impl Field {
 pub struct Table {
     /// Rust's name of the payload.
     pub name: &'static str,
-    /// The name under which both sides of shared memory know it, with its version.
+    /// Its name in shared memory, with the version of its layout.
     pub type_name: &'static str,
     /// What it is.
     pub doc: &'static str,

@@ -183,7 +183,7 @@ fn n_substeps(duration_s: f64) -> usize {
     (duration_s / MAX_SUBSTEP_S - 1e-9).ceil().max(1.0) as usize
 }
 
-/// What the estimation service is told about a vehicle.
+/// The nominal plant of a vehicle, with which the estimation service is configured.
 ///
 /// `m v̇ = u + m g + f + ξ ,   I ω̇ = u_τ + f_τ + ξ_τ`
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -192,11 +192,11 @@ pub struct Nominal {
     pub mass_kg: f64,
     /// Diagonal of I, body axes (kg·m²).
     pub inertia_kg_m2: Vector3<f64>,
-    /// g, inertial (m/s²); zero for a vehicle believed neutrally buoyant.
+    /// g, inertial (m/s²); zero for a vehicle that is nominally neutrally buoyant.
     pub gravity_m_s2: Vector3<f64>,
 }
 
-/// What the nominal plant leaves out, so that its equations hold exactly.
+/// The force and torque that the nominal plant omits: with them its equations hold exactly.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Unknown {
     /// f and f_τ: everything present without the disturbance.

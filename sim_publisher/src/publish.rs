@@ -88,8 +88,8 @@ pub fn connect(
     Ok(None)
 }
 
-/// Publishes everything of `source` at `start + instant / speed`, until it ends or `stop` is set. `started` is told the
-/// start, and how many samples were skipped, just before the first one.
+/// Publishes everything of `source` at `start + instant / speed`, until it ends or `stop` is set. `started` is called
+/// just before the first sample, with the start and the number of skipped samples.
 ///
 /// Every payload carries `start + its own stamp` whatever the speed. The truth goes out just before the
 /// measurement of the same instant, and alone where that sample is lost.
@@ -248,7 +248,7 @@ mod tests {
                 publish(&client, source.inspect(&mut receive), Pace::live(), &never, |_| ()).unwrap();
             assert_eq!((published.samples_published, published.samples_dropped), (30, 10));
             assert_eq!((published.duration_ns, published.stopped), (195_000_000, false));
-            // What was sent last is still there when its source is gone.
+            // The last message is still there after its source has ended.
             receive(&Outgoing { at_ns: 0, truth: None, delivery: None, is_lost: false });
 
             let stamped = |stamp_ns| published.start_stamp_ns + stamp_ns;

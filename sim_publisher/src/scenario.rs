@@ -57,7 +57,7 @@ impl Scenario {
         }
     }
 
-    /// What the service is told about the vehicle.
+    /// The nominal plant, with which the service is configured.
     pub fn nominal(self) -> Nominal {
         self.definition().nominal
     }

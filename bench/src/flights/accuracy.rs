@@ -10,7 +10,7 @@ use observer::{Learn, RigidBodyObserver, Sample, Velocity};
 pub(crate) const COAST_EVERY_S: f64 = 0.25;
 /// Coasts start after this (s).
 pub(crate) const LEARN_IN_S: f64 = 2.0;
-/// Variance of the velocity measurement that the filter is told (m²/s²). Only q/r matters in the long run.
+/// Variance of the velocity measurement in the filter (m²/s²). Its steady state depends only on q/r.
 const KALMAN_NOISE_M2_S2: f64 = 0.01;
 /// Densities of the filter's random-walk force (N²/s).
 const KALMAN_DENSITIES_N2_S: [f64; 14] =
@@ -165,7 +165,7 @@ pub(crate) enum Finding {
     Coast(Path, Vector3<f64>),
 }
 
-/// Flies the whole flight, learning, and tells every error with the index of its sample.
+/// Runs over the whole flight, learning, and passes on every error with the index of its sample.
 pub(crate) fn fly(
     flight: &Flight,
     mut estimator: impl Estimator,

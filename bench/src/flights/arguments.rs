@@ -43,7 +43,7 @@ impl FlightArguments {
         &self.import.file
     }
 
-    /// Reads both; of the flight the part in the air, where its format tells.
+    /// Reads both. Of the flight only the part in the air is used, if its format marks it.
     ///
     /// # Errors
     /// What cannot be read, or is too short.

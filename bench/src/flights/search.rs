@@ -295,7 +295,7 @@ impl<'a> Search<'a> {
     }
 
     /// The highest price whose cost, on blocks that did not choose, is within a standard error of the least one's
-    /// (of what cannot be told apart, that which is nearest to the start); and that cost.
+    /// (among candidates that cannot be distinguished, the one nearest to the start); and that cost.
     fn price(&self, tried: &[Tried]) -> (f64, f64) {
         let n_blocks = self.reference.len();
         let judged = PRICES.map(|price| {

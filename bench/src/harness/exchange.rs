@@ -21,7 +21,7 @@ impl MovingVehicle {
         let sequence = self.sequence;
         self.sequence += 1;
         let now_ns = monotonic_ns();
-        // Outputs that swing within a few seconds; the phase only tells the axes apart.
+        // Outputs that swing within a few seconds; the phase only distinguishes the axes.
         let swing = |phase: f64| (3.0 * (now_ns as f64 * 1e-9 + phase)).sin();
         let vector = |scale: f64| [scale * swing(0.0), scale * swing(1.0), scale * swing(2.0)];
         let sample = Measurement::at(0, sequence)

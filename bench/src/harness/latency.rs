@@ -12,7 +12,7 @@ pub(crate) fn quantile(sorted: &[u64], q: f64) -> u64 {
     sorted[rank.clamp(1, sorted.len()) - 1]
 }
 
-/// Sorts the samples, and tells their quantiles; `None` without samples.
+/// Sorts the samples and returns their quantiles; `None` without samples.
 pub(crate) fn summary(samples_ns: &mut [u64]) -> Option<LatencySummary> {
     samples_ns.sort_unstable();
     let quantile = |q: f64| quantile(samples_ns, q);

@@ -37,7 +37,7 @@ pub(crate) struct OwnDomain {
 
 impl OwnDomain {
     /// A domain whose files in /dev/shm begin with `bench` and this process's id, so that leftovers of a killed process
-    /// can be told. The prefix is short: root path and segments' prefix have 60 bytes together ([`Domain::at`]).
+    /// can be identified. The prefix is short: root path and segments' prefix have 60 bytes together ([`Domain::at`]).
     pub(crate) fn new() -> anyhow::Result<Self> {
         let prefix = format!("bench{}-", std::process::id());
         let root = tempfile::Builder::new().prefix(&prefix).tempdir_in("/dev/shm");
@@ -182,7 +182,7 @@ impl Child {
         self.finish().map(drop)
     }
 
-    /// Connects to its service's instance; an error tells what it logged.
+    /// Connects to its service's instance; an error contains the service's log.
     pub(crate) fn connect(&self, domain: &OwnDomain, instance: &str) -> anyhow::Result<Client> {
         Client::connect(domain.domain(), instance, PATIENCE)
             .or_else(|error| Err(error).with_context(|| self.log()))

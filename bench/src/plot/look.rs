@@ -25,7 +25,7 @@ pub(super) enum Marker {
     Frame,
 }
 
-/// Okabe and Ito's colours, which colour-blind readers tell apart: the dark ones here, the light ones below.
+/// Okabe and Ito's colours, which colour-blind readers can distinguish: the dark ones here, the light ones below.
 pub(super) const ESTIMATES: [&str; 6] = ["#0072b2", "#d55e00", "#008a64", "#964682", "#222222", "#8a7000"];
 const COMPARISONS: [&str; 3] = ["#e69f00", "#56b4e9", "#cc79a7"];
 

@@ -186,7 +186,7 @@ pub struct Model {
 }
 
 impl Model {
-    /// A model that knows nothing yet.
+    /// A model before the first message.
     pub fn new(instance: &str) -> Self {
         Self {
             instance: instance.into(),

@@ -203,7 +203,7 @@ fn a_monitor_in_another_domain_follows_the_vehicle_over_zenoh() {
     println!("monitor: {compared} of {} lines are what the vehicle's side saw, to the bit", lines.len());
     assert_eq!(compared, lines.len());
 
-    // Nothing comes back: no command, and no estimate that somebody on the ground makes up.
+    // Nothing is accepted from the ground: no command, and no forged estimate.
     let refused = far.command(command::RESET, Duration::from_millis(500));
     assert!(matches!(refused, Err(ClientError::NoDaemon { .. })), "{refused:?}");
     forge(&ground);
@@ -235,7 +235,7 @@ fn a_monitor_in_another_domain_follows_the_vehicle_over_zenoh() {
     });
     println!("service killed and started again: {:.1} s", (monotonic_ns() - killed_ns) as f64 / 1e9);
 
-    // All of it ends as it is told to, and leaves nothing.
+    // All processes end on request and leave no files behind.
     simulator.kill();
     daemon.stop().ok();
     drop((near_estimates, near, far_estimates, far_statuses, far));

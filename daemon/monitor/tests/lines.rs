@@ -42,7 +42,7 @@ fn each_estimate_is_a_line_across_a_killed_service() {
     });
     assert!(again.is_some());
     drop(lines);
-    // Its reader is gone: that is the end, and no failure.
+    // The reader of its output has ended: the monitor ends without an error.
     monitor.finish().ok();
     drop(flight);
 }

@@ -134,7 +134,7 @@ fn from_the_first(samples: &BTreeMap<u64, Measurement>) -> Vec<Measurement> {
     samples.values().map(relative).collect()
 }
 
-/// Equality of all bits: in the text every double is told apart.
+/// Compares all bits: as text, two different doubles differ.
 #[track_caller]
 fn assert_same_bits(found: &[Measurement], needed: &[Measurement]) {
     let text = |samples: &[Measurement]| samples.iter().map(|s| json!(s).to_string()).collect::<Vec<_>>();

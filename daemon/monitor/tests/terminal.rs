@@ -12,7 +12,7 @@ struct Pane {
 }
 
 impl Pane {
-    /// The monitor in a shell that outlives it and tells its exit code; `None`, and said, where there is no tmux.
+    /// The monitor in a shell that outlives it and reports its exit code; `None`, reported as skipped, without tmux.
     fn open(domain: &TestDomain, variables: &str, options: &str) -> Option<Self> {
         if Command::new("tmux").arg("-V").output().is_err() {
             skip("the view in a terminal", "tmux is not installed");

@@ -32,12 +32,12 @@ impl ChannelName {
 pub struct Learn {
     /// Nothing is learned from here on, from this output or from the one that is held; what was learned stays in use.
     pub frozen: bool,
-    /// Whether the output of each channel teaches: not while its sensor is stuck, for example.
+    /// Whether each channel learns from its output; not while its sensor is stuck, for example.
     pub teaches: [bool; 3],
 }
 
 impl Learn {
-    /// Every output teaches.
+    /// Every channel learns.
     pub const ALL: Self = Self { frozen: false, teaches: [true; 3] };
     /// Nothing is learned.
     pub const FROZEN: Self = Self { frozen: true, teaches: [true; 3] };

@@ -141,7 +141,7 @@ mod tests {
         assert_eq!(judged(PERIOD_NS, to_both), [60, 61, 62, 63, 64]);
     }
 
-    /// At 200 Hz and at 10 Hz; the gate is told of neither.
+    /// At 200 Hz and at 10 Hz; the gate is not configured with the rate.
     #[test]
     fn what_lasts_is_accepted_at_the_third_output() {
         for period_ns in [PERIOD_NS, 100_000_000] {

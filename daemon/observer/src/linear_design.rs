@@ -50,8 +50,8 @@ pub struct LinearDesign {
     pub initial_state: Option<DVector<f64>>,
 }
 
-/// The part of a plant that its outputs tell of: in coordinates x_o = Oᵀx, with O an orthonormal basis of the
-/// observable subspace. What is unobservable does not act on it.
+/// The observable part of a plant, in the coordinates x_o = Oᵀx, with O an orthonormal basis of the observable subspace. The
+/// unobservable part does not act on it.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct ObservablePart {
     pub(crate) a: DMatrix<f64>,

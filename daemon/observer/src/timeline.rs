@@ -64,7 +64,7 @@ struct GridPoint<S, const M: usize> {
 pub(crate) struct Prediction<S, const M: usize> {
     pub(crate) moment: Moment<S>,
     pub(crate) matched_force: Evaluation<M>,
-    /// What the held output teaches by then.
+    /// What is learned from the held output by then.
     pub(crate) learning: Learning<M>,
     pub(crate) coasting: bool,
 }
@@ -137,8 +137,8 @@ impl<P: Plant<M>, const M: usize> Timeline<P, M> {
         }
     }
 
-    /// Moves to the stamp of a new sample, learns from the output held until then, and takes what the
-    /// sample brings; while frozen, no output teaches from here on. Whether the output is an outlier.
+    /// Moves to the stamp of a new sample, learns from the output held until then, and takes the sample's
+    /// values. While frozen, nothing is learned from here on. Returns whether the output is an outlier.
     pub(crate) fn accept(
         &mut self,
         stamp_ns: u64,

@@ -117,7 +117,7 @@ fn scheduling() -> Option<(&'static str, i32)> {
 /// A thread with a fixed priority has none anyway; for an ordinary one no right is needed.
 ///
 /// # Errors
-/// `Refused` where the kernel knows no timer slack.
+/// `Refused` if the kernel has no timer slack.
 pub fn use_punctual_timers() -> Result<(), Refused> {
     const ASKED: &str = "timers without slack";
     set_current_timer_slack(NonZeroU64::new(1)).map_err(|error| refused(ASKED, error, TIMERS_REMEDY))?;

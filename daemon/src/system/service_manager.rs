@@ -13,7 +13,7 @@ const FEEDINGS_PER_TIMEOUT: u32 = 4;
 const LINE_EVERY: Duration = Duration::from_secs(2);
 
 fn tell(states: &[NotifyState<'_>]) {
-    // A failure is ignored: a manager that hears nothing restarts the service.
+    // A failure is ignored: a manager that gets no notification restarts the service.
     let _ = sd_notify::notify(states);
 }
 

@@ -93,7 +93,7 @@ impl Housekeeping {
         }
     }
 
-    /// With the place where the loop's real-time settings will be told.
+    /// Sets where the outcome of the loop's real-time settings will be stored.
     pub fn with_real_time(self, real_time: Arc<OnceLock<Outcome>>) -> Self {
         Self { real_time, ..self }
     }

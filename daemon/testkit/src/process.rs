@@ -15,7 +15,7 @@ const SEPARATOR: &str = "\u{1f}";
 
 /// A program that tests start.
 ///
-/// Cargo builds a crate's own programs for its tests, and tells where they are: `Program::at(env!("CARGO_BIN_EXE_…"))`.
+/// Cargo builds a crate's own programs for its tests, and provides their paths: `Program::at(env!("CARGO_BIN_EXE_…"))`.
 /// It does not build those of other crates. [`Program::played`] is one of these: the test's own executable, started
 /// anew, calls the program's `main` from a test named `role` (see [`play_role`]).
 #[derive(Debug, Clone, Copy)]
@@ -32,12 +32,12 @@ impl Program {
         Self::At(path)
     }
 
-    /// The program that [`play_role`] knows by this name.
+    /// The program that [`play_role`] runs under this name.
     pub const fn played(name: &'static str) -> Self {
         Self::Played(name)
     }
 
-    /// The program with these arguments. It reads nothing; what it prints goes where the caller says.
+    /// The program with these arguments. Its stdin is empty; the caller decides where its output goes.
     pub fn command<S: AsRef<OsStr>>(&self, arguments: &[S]) -> Command {
         let mut command = match self {
             Self::At(path) => {

@@ -56,10 +56,10 @@ impl Daemon {
     }
 }
 
-/// A user without any rights, as whom root can run a program.
+/// The id of a user without rights, under which root can run a program.
 const NOBODY: u32 = 65_534;
 
-/// `daemon` for a user without rights: where the tests run as root, a copy of the program, run as nobody.
+/// `daemon` as a user without rights: if the tests run as root, a copy of the program that runs as `nobody`.
 pub struct Unprivileged {
     pub domain: TestDomain,
     program: Option<tempfile::TempDir>,

@@ -122,7 +122,7 @@ struct Opened {
 }
 
 impl Drop for Opened {
-    /// In a forked child the ports are its parent's, who flies on with them: they are left alone.
+    /// In a forked child the ports belong to the parent, which still uses them: they are not closed.
     fn drop(&mut self) {
         if self.process != std::process::id() {
             std::mem::forget(std::mem::take(&mut self.connections));

@@ -83,7 +83,7 @@ impl Domain {
         Ok(())
     }
 
-    /// A user who may rename the root path may put another one in its place.
+    /// Checks the directories above: a user who may rename the root path could replace it.
     fn check_directories_above(&self) -> Result<(), DomainError> {
         for directory in self.root().ancestors().skip(1) {
             let Ok(metadata) = fs::metadata(directory) else { continue };

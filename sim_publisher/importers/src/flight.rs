@@ -110,7 +110,7 @@ pub struct RecordedFlight {
     pub skipped: Skipped,
     /// Values that were given as not finite, and left their field without a measurement.
     pub values_not_finite: usize,
-    /// Samples in the air, where the format tells.
+    /// Samples in the air, if the format marks them.
     pub airborne: Option<Range<usize>>,
     /// Where the file ends too early, what it lacks; a sentence each, for people.
     pub remarks: Vec<String>,
@@ -149,7 +149,7 @@ impl RecordedFlight {
         Some((stamp_s(range.start)?, stamp_s(range.end.checked_sub(1)?)?))
     }
 
-    /// The part in the air, as a flight of its own; `None` where the format does not tell, or nothing flew.
+    /// The part in the air, as a flight of its own; `None` if the format does not mark it, or there is none.
     pub fn airborne_only(&self) -> Option<Self> {
         let mut samples = self.samples.get(self.airborne.clone()?)?.to_vec();
         let start_ns = samples.first()?.stamp_ns;

@@ -41,7 +41,7 @@ pub struct Findings {
     pub samples: usize,
     /// From the first to the last one (s).
     pub duration_s: f64,
-    /// The time in the air, where the format tells (s).
+    /// The time in the air, if the format marks it (s).
     pub airborne_s: Option<(f64, f64)>,
     /// What is measured.
     pub quantities: Vec<Quantity>,
@@ -148,7 +148,7 @@ fn unnamed_columns(file: String, error: &str, columns: Vec<String>, map: &CsvMap
     }
 }
 
-/// Where the file's ending does not tell it.
+/// The option `--format`, if the file's ending does not determine the format.
 fn format_argument(importer: &dyn Importer, file: &Path) -> String {
     let is_told = by_ending(file).is_some_and(|told| told.name() == importer.name());
     if is_told { String::new() } else { format!(" --format {}", importer.name()) }
@@ -176,7 +176,7 @@ fn arguments(importer: &dyn Importer, file: &Path, options: &ImportOptions, lack
     arguments
 }
 
-/// Names from a file without the control characters that a terminal obeys.
+/// Names from a file without control characters, which could change the state of the terminal.
 fn harmless(text: &str) -> String {
     text.replace(char::is_control, "·")
 }

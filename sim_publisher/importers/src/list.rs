@@ -14,7 +14,7 @@ pub fn by_name(name: &str) -> Option<&'static dyn Importer> {
     IMPORTERS.into_iter().find(|importer| importer.name() == name)
 }
 
-/// The format that a file's ending tells, if any.
+/// The format of a file's ending, if any.
 pub fn by_ending(path: &Path) -> Option<&'static dyn Importer> {
     let ending = path.extension()?.to_str()?.to_ascii_lowercase();
     IMPORTERS.into_iter().find(|importer| importer.ending() == ending)

@@ -85,7 +85,7 @@ impl<'de> Deserialize<'de> for CsvMap {
     }
 }
 
-/// A key of a map, known to be one: the reader tells the line of an unknown one.
+/// A key of a map, checked while it is read, so that the error for an unknown key names its line.
 struct Key(String);
 
 impl<'de> Deserialize<'de> for Key {

@@ -287,7 +287,7 @@ impl Bridge {
         Some((observed, message.time_usec as f64 * 1e-6))
     }
 
-    /// A request is answered with our time; an answer to ours tells the offset.
+    /// A request is answered with our time; an answer to ours gives the offset.
     fn time_sync(&mut self, message: &TIMESYNC_DATA, receive_ns: u64) {
         if message.tc1 == 0 {
             self.out.replies.push(MavMessage::TIMESYNC(TIMESYNC_DATA {

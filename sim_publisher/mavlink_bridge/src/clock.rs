@@ -18,7 +18,7 @@ const N_BUCKETS: usize = 10;
 const BUCKET_NS: u64 = WINDOW_NS / N_BUCKETS as u64;
 /// A time so far behind the newest one, or ahead of the offset, is of a clock that was set anew (ns).
 const RESET_NS: i128 = 1_000_000_000;
-/// A round trip as long as this tells nothing that the smallest delay does not (ns).
+/// A round trip longer than this gives no better offset than the smallest delay (ns).
 const MAX_ROUND_TRIP_NS: u64 = 200_000_000;
 
 /// Whether the vehicle's clock goes on.

@@ -32,9 +32,9 @@ pub(crate) struct Frame {
     pub version: MavlinkVersion,
     /// Of the sender, counts modulo 256.
     pub sequence: u8,
-    /// Who sent it.
+    /// The system that sent it.
     pub system_id: u8,
-    /// Which part of it.
+    /// The component of that system.
     pub component_id: u8,
     /// Of the common message set.
     pub message_id: u32,
@@ -133,7 +133,7 @@ impl Decoder {
                         return;
                     }
                 },
-                // Believed to be a frame where another one, or nothing, follows it.
+                // Counts as a frame if another frame, or nothing, follows it.
                 Candidate::WrongSum(length) if rest.get(length).is_none_or(|b| is_marker(*b)) => {
                     match whole_within(rest, length) {
                         Some(offset) => self.skip(&mut at, offset),

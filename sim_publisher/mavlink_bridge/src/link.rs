@@ -15,10 +15,10 @@ use std::os::unix::fs::OpenOptionsExt;
 use std::str::FromStr;
 use std::time::Duration;
 
-/// Of a serial port, unless told otherwise: what autopilots' telemetry ports start with.
+/// Baud rate of a serial port, unless stated: the default of autopilots' telemetry ports.
 const DEFAULT_BAUD: u32 = 57_600;
 
-/// Where the vehicle is to be heard.
+/// The address at which the vehicle's messages arrive.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Address {
     /// Listens there.
@@ -126,7 +126,7 @@ pub enum LinkError {
         /// The system's reason.
         cause: std::io::Error,
     },
-    /// The device has gone.
+    /// The device was removed.
     #[error("{address}: {cause}")]
     Gone {
         /// Which.
@@ -136,10 +136,10 @@ pub enum LinkError {
     },
 }
 
-/// An open wire.
+/// An open link.
 #[derive(Debug)]
 pub enum Link {
-    /// A socket, and where its answers go unless told otherwise.
+    /// A socket, and the address of its answers if `to` names no other.
     Udp(UdpSocket, Peer),
     /// A serial port.
     Serial(File),
@@ -182,11 +182,11 @@ impl Link {
     pub fn wait(&self, max: Duration) {
         let mut fds = [PollFd::new(self, PollFlags::IN)];
         let max = Timespec { tv_sec: max.as_secs().cast_signed(), tv_nsec: i64::from(max.subsec_nanos()) };
-        // A signal ends the wait, which is what it is for; all else shows when it is read.
+        // A signal ends the wait, as intended; other errors show in the next read.
         let _ = poll(&mut fds, Some(&max));
     }
 
-    /// What came next, into `bytes`: how much and from whom; `None` where nothing did.
+    /// Reads the next bytes into `bytes` and returns their number and sender; `None` if nothing has arrived.
     ///
     /// # Errors
     /// The system's reason where the device has gone.
@@ -196,7 +196,7 @@ impl Link {
             Self::Serial(port) => (&*port).read(bytes).map(|n| (n, None)),
         };
         match received {
-            // A serial port says so when its device has gone.
+            // A serial port whose device was removed reads nothing.
             Ok((0, None)) => Err(ErrorKind::UnexpectedEof.into()),
             Ok(received) => Ok(Some(received)),
             Err(error) => match error.kind() {
@@ -208,7 +208,7 @@ impl Link {
         }
     }
 
-    /// Sends to `to`, or to where the wire leads; `false` where it leads nowhere yet, or takes nothing now.
+    /// Sends to `to`, or to the link's own peer; `false` if there is none yet, or if the link takes nothing now.
     ///
     /// # Errors
     /// The system's reason where the device has gone.

@@ -26,7 +26,7 @@ const FIRST_SYNC_NS: u64 = 100 * MS;
 const FIRST_SYNCS: u32 = 20;
 /// Between two lines about what came (ns).
 const STATUS_NS: u64 = 5 * S;
-/// Between two attempts to open a device that has gone (ns).
+/// Time between two attempts to open a device that was removed (ns).
 const REOPEN_NS: u64 = S;
 /// A stop is noticed, and readers are let in, at least this often.
 const MAX_WAIT: Duration = Duration::from_millis(20);
@@ -136,7 +136,7 @@ impl Estimates {
 /// Bridges until the time is over or `stop` is set. `link` is open already; bytes that came before are dropped.
 ///
 /// # Errors
-/// `Client` where a port refuses. A device that has gone is waited for.
+/// `Client` if a port refuses. A device that was removed is no error: the loop waits until it is back.
 pub fn run(
     options: &Options,
     link: Link,

@@ -33,7 +33,7 @@ pub struct ImportArguments {
 }
 
 impl ImportArguments {
-    /// The format that was named, or that the file's ending tells.
+    /// The format that was stated, or that of the file's ending.
     ///
     /// # Errors
     /// Neither.

@@ -177,7 +177,7 @@ fn write_samples(
     Ok(())
 }
 
-/// Publishes as a worker: tells the supervisor when it starts, and how many samples are missing since the last worker died.
+/// Publishes as a worker, and reports to the supervisor when it starts, and how many samples were lost since the last one died.
 fn work(args: &RunArgs, source: impl Iterator<Item = Outgoing>, what: &str) -> Result<Published, Failure> {
     supervise::end_with_supervisor();
     let pace = Pace { resumed_start_ns: args.resumed_start_ns, ..Pace::live() };

@@ -136,7 +136,7 @@ pub struct Fault {
     pub span: Span,
 }
 
-/// Who can carry a fault out.
+/// What a fault acts on.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Reach {
     /// Samples are changed.
@@ -372,7 +372,7 @@ impl Kind {
         }
     }
 
-    /// Who can carry it out.
+    /// What it acts on.
     pub fn reach(&self) -> Reach {
         match self {
             Self::Stop | Self::Kill => Reach::Source,

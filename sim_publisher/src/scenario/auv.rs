@@ -32,7 +32,7 @@ use nalgebra::{Rotation3, UnitQuaternion, Vector3};
 
 const GRAVITY_M_S2: f64 = 9.81;
 
-/// What the service and the controller believe: a neutrally buoyant body.
+/// The nominal plant of service and controller: a neutrally buoyant body.
 const NOMINAL: Nominal = Nominal {
     mass_kg: 45.0,
     inertia_kg_m2: Vector3::new(1.2, 6.0, 6.0),

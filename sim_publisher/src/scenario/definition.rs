@@ -13,12 +13,12 @@ pub trait Vehicle: TruePlant + std::fmt::Debug + Sync {
     fn command(&self, t_s: f64, state: &State) -> Wrench;
 }
 
-/// Everything that makes a scenario.
+/// The parts of a scenario.
 #[derive(Debug, Clone)]
 pub struct Definition {
     /// The true plant and its controller.
     pub vehicle: &'static dyn Vehicle,
-    /// What the service is told about it.
+    /// The nominal plant, with which the service is configured.
     pub nominal: Nominal,
     /// The disturbance, in the unit that the vehicle states.
     pub disturbance: Option<GaussMarkov>,

@@ -21,7 +21,7 @@ use crate::plant::{Acceleration, Nominal, State, TruePlant, Wrench, attitude_err
 use crate::sensors::{Schedule, SensorSuite, VectorSensor, VelocityFrame};
 use nalgebra::{Matrix3, Rotation3, Vector3};
 
-/// What the service and the controller believe.
+/// The nominal plant of service and controller.
 const NOMINAL: Nominal = Nominal {
     mass_kg: 2.0,
     inertia_kg_m2: Vector3::new(0.02, 0.02, 0.035),
@@ -93,7 +93,7 @@ fn reference(t: f64) -> Reference {
     }
 }
 
-/// The force that the controller wants, and the attitude whose thrust axis points along it.
+/// The force that the controller commands, and the attitude whose thrust axis points along it.
 ///
 /// `u* = m (−k_p (r − r_r) − k_v (v − v_r) + v̇_r − g)`, with a natural frequency of 2 rad/s and damping 0.8.
 fn wanted(t_s: f64, state: &State) -> (Vector3<f64>, Rotation3<f64>) {

@@ -8,7 +8,7 @@ use crate::view::status_words::{Level, explained};
 use shared_types::Status;
 use shared_types::payload::{real_time, restored, status_bits as bits};
 
-/// One thing to know.
+/// One note.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Note {
     /// How bad it is.

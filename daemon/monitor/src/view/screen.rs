@@ -46,7 +46,7 @@ pub fn now(model: &Model) -> Now {
 /// Shows `instance` until `q`, Ctrl-C or a signal, `fps` times a second at most.
 ///
 /// # Errors
-/// Where the terminal refuses, or is gone.
+/// If the terminal refuses a setting, or was closed.
 pub fn run(
     domain: &Domain,
     instance: &str,
@@ -79,7 +79,7 @@ struct Reader {
 }
 
 impl Reader {
-    /// Ends the program if it must end, after a signal or because the terminal is gone, and the drawing thread does not:
+    /// Ends the program if it must end, after a signal or because the terminal was closed, and the drawing thread does not end:
     /// crossterm 0.29 does not return from a terminal that was closed (its issue 793), and a write to a terminal that
     /// accepts no more output blocks.
     fn start(domain: Domain, instance: &str, whence: Whence, signalled: Arc<AtomicBool>) -> Self {
@@ -262,7 +262,7 @@ impl Screen<'_> {
         let (answer, answered) = mpsc::channel();
         let (domain, instance) = (self.domain.clone(), lock(&self.reader.model).instance.clone());
         std::thread::spawn(move || {
-            // The receiver is gone only when the program ends.
+            // The receiver is dropped only when the program ends.
             let _ = answer.send(carry_out(&domain, &instance, name, kind));
         });
         self.answer = Some(answered);

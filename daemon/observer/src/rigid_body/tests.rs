@@ -164,7 +164,7 @@ fn an_outlier_is_treated_as_configured() {
     assert!((accepted.1 - clean.1).abs() > 5.0 * (corrected.1 - clean.1).abs(), "{accepted:?} {corrected:?}");
 }
 
-/// A stuck sensor corrects, and teaches nothing.
+/// The output of a stuck sensor corrects the state, and nothing is learned from it.
 #[test]
 fn what_does_not_teach_is_not_learned_from() {
     let mut observer = both();

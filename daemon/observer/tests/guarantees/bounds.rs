@@ -32,7 +32,7 @@ fn constant_noise_and_force_bring_a_frozen_channel_to_exactly_e0() {
     assert!((e0(bounds) - (0.02 + 0.6 / 40.0)).abs() < 1e-12);
     let without_force = e0(DisturbanceBounds { unmatched: 0.0, ..bounds });
     assert!(error > 1.7 * without_force, "what the paper's E₀ leaves out: {without_force}");
-    // By learning alone a constant δ cannot be told from a velocity: ỹ → 0, e → −δ, twice the E₀ that the paper
+    // Learning cannot distinguish a constant δ from a velocity: ỹ → 0, e → −δ, twice the E₀ that the paper
     // prints.
     let (rate, dead_zone) = (isotropic(100.0), zone(DeadZoneShape::Step, 0.0));
     let learning = ChannelDesign { adaptation_rate: rate, dead_zone, ..design.clone() };

@@ -52,7 +52,7 @@ fn channel(inertia: Matrix3<f64>, adaptation_rate: Matrix3<f64>, dead_zone: Dead
     }
 }
 
-/// A step of a channel, of which the output teaches or not.
+/// A step of a channel that learns from its output or not.
 fn step(channel: &mut BodyChannel, output: &Vector3<f64>, input: &Vector3<f64>, (h_s, teaches): (f64, bool)) {
     channel.observe(output, teaches);
     let ahead = channel.predict(input, h_s);

@@ -11,7 +11,7 @@ pub(crate) enum Verdict {
     CouldBeBetter,
     /// The service will be late or fail.
     Bad,
-    /// The kernel does not tell.
+    /// The kernel does not report it.
     Unknown,
 }
 

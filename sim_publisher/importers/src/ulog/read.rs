@@ -426,7 +426,7 @@ mod tests {
         assert!(torn.remarks[0].contains("ends within a message"), "{:?}", torn.remarks);
     }
 
-    /// Counts and sums as pyulog 1.3.0 and NumPy tell them, the force turned by them too; attitudes are made unit here.
+    /// Counts and sums of pyulog 1.3.0 and NumPy, which also rotated the force; attitudes are normalised here.
     #[test]
     fn a_real_log_is_read_as_pyulog_reads_it() {
         let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../../../shared/data/ulog/sample_px4_events.ulg");

@@ -47,7 +47,7 @@ fn an_update_is_exact_at_every_center() {
     }
 }
 
-/// A truncated kernel leaves something out at every update; the estimate knows.
+/// A truncated kernel omits a part of every update; the error estimate includes it.
 #[test]
 fn what_a_truncated_kernel_drops_is_within_the_estimate() {
     let length_scale = LengthScale::Isotropic(0.4);
