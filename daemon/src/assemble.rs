@@ -17,10 +17,10 @@ use observer::{
 
 /// An output is held for this many of its sample periods; then its channel coasts.
 const HOLD_PERIODS: f64 = 1.5;
-/// What the local solver's set-up takes for each center at its peak, measured with a million of them.
+/// Peak memory of the local solver's set-up for each center, measured with a million centers.
 const BYTES_PER_CENTER: u64 = 80;
 
-/// Checks every value and builds what the service runs.
+/// Checks every value and builds the observers of the service.
 ///
 /// # Errors
 /// The key, its line, what was found and what would be accepted.
@@ -103,7 +103,7 @@ pub fn check(file: &ConfigFile) -> Result<(), ConfigError> {
     check_memory(file, free_memory_bytes())
 }
 
-/// The refusal of a design, by the key of `table` that sets what was refused.
+/// The error of a refused design, with the key of `table` that sets the refused parameter.
 pub fn refusal(file: &ConfigFile, table: &str, error: &DesignError) -> ConfigError {
     let names = match table {
         "translation" => TranslationConfig::NAMES,
@@ -162,7 +162,7 @@ fn check_memory(file: &ConfigFile, free_bytes: Option<u64>) -> Result<(), Config
     Ok(())
 }
 
-/// What the system could still give; `None` where it does not say.
+/// Memory that is still available; `None` if the system does not report it.
 fn free_memory_bytes() -> Option<u64> {
     let text = std::fs::read_to_string("/proc/meminfo").ok()?;
     let line = text.lines().find_map(|line| line.strip_prefix("MemAvailable:"))?;

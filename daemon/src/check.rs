@@ -15,7 +15,7 @@ use std::time::{Duration, Instant};
 /// Multiples of the length scale that are compared with it.
 const SHORTER: [f64; 2] = [0.5, 0.7];
 const LONGER: [f64; 2] = [1.4, 2.0];
-/// Comparing length scales factors a Gram matrix for each: not with more centers than this.
+/// Length scales are compared up to this many centers, since each comparison factors a Gram matrix.
 pub const MAX_CENTERS_TO_COMPARE: usize = 729;
 /// Steps are timed until this many are done, or until this time is over.
 const MAX_TIMED_STEPS: usize = 400;
@@ -27,13 +27,13 @@ const MIN_TIMED_STEPS: usize = 11;
 pub struct ChannelCheck {
     /// Its table in the configuration.
     pub name: &'static str,
-    /// Of the output, and of the adaptation rate; empty where they are the user's own.
+    /// Units of the output and of the adaptation rate; empty if only the user knows them.
     pub units: (&'static str, &'static str),
     /// What is proven.
     pub report: DesignReport,
     /// Condition and cover for other length scales; empty with too many centers.
     pub length_scales: Vec<LengthScaleEffect>,
-    /// What one step takes on this machine, or why `daemon run` refuses the channel.
+    /// The time of a step on this machine, or why `daemon run` refuses the channel.
     pub step_time: Result<StepTime, ConfigError>,
 }
 
@@ -62,7 +62,7 @@ pub fn checks(file: &ConfigFile) -> Result<Vec<ChannelCheck>, ConfigError> {
     let mut checks = Vec::new();
     assemble::check(file)?;
     let refuse = |table: &'static str| move |error: DesignError| assemble::refusal(file, table, &error);
-    // With many centers a space takes long to build: what the observer has built is what is reported on.
+    // With many centers a space takes long to build, so the report uses the one that the observer has built.
     let body =
         |name, units, channel: &ChannelDesign, observer: Result<RigidBodyObserver, _>, report: &Report| {
             let law = observer.as_ref().ok().and_then(|body| body.translation().or(body.rotation()));
@@ -123,7 +123,7 @@ fn compared_length_scales(
     [compare(&SHORTER), vec![own], compare(&LONGER)].concat()
 }
 
-/// What a service runs with although it is not proven: one sentence for each channel that has some.
+/// The conditions that are not proven for a configuration: one sentence for each channel with such conditions.
 pub fn unproven(file: &ConfigFile, estimator: &Estimator) -> Vec<String> {
     let mut sentences = Vec::new();
     let mut warn = |name: &str, hidden: String, certificate: Option<&Certificate>, shape: DeadZoneName| {
@@ -211,7 +211,7 @@ fn time_linear_steps(mut observer: LinearObserver) -> StepTime {
     })
 }
 
-/// Stamps of a source at 1 kHz as they really come: no two steps are of the same length.
+/// Stamps of a source at 1 kHz with jitter: no two steps have the same length.
 fn jittered_ns(j: u64) -> u64 {
     j * 1_000_000 + j * 7919 % 1009
 }

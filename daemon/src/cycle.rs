@@ -75,13 +75,13 @@ pub struct Cycle {
     rings: LoopRings,
     /// Ticks in a row that ended after their next deadline.
     late_ticks_in_a_row: u64,
-    /// As the engine said last.
+    /// As the engine returned it last.
     n_forgotten: u64,
     record: Option<TickRecord>,
 }
 
 impl Cycle {
-    /// A cycle that goes on with this engine.
+    /// A cycle that runs this engine.
     pub fn new(engine: Engine, ports: LoopPorts, rings: LoopRings) -> Self {
         Self { ports, taken: None, engine, rings, late_ticks_in_a_row: 0, n_forgotten: 0, record: None }
     }
@@ -112,7 +112,7 @@ impl Cycle {
         self.save_to_the_end();
     }
 
-    /// Polls for a sample, which is then in our hands already, until the deadline.
+    /// Polls for a sample until the deadline. A sample that is found has been taken from the queue.
     fn wait_for_sample(&mut self, deadline_ns: u64, stop: &AtomicBool) -> WakeUp {
         loop {
             for _ in 0..LOOKS_BETWEEN_CLOCKS {
@@ -134,7 +134,7 @@ impl Cycle {
         let late_ticks_in_a_row = self.late_ticks_in_a_row;
         self.rings.recorder.begin_tick(&Entry::Begin { wake_ns, late_ticks_in_a_row });
         self.engine.begin(wake_ns, late_ticks_in_a_row);
-        // A polling loop serves one sample a tick: every sample has its estimate, and the look that finds the queue
+        // A polling loop serves one sample per tick: every sample has its estimate, and the poll that finds the queue
         // empty comes after publication.
         let max_samples = if self.taken.is_some() { 1 } else { MAX_SAMPLES_PER_TICK };
         for _ in 0..max_samples {
@@ -200,7 +200,7 @@ impl Cycle {
         self.rings.recorder.push(|| Entry::Checkpoint);
     }
 
-    /// After the last tick: hands over what is known now, whatever was being read.
+    /// After the last tick: hands over the present checkpoint, in place of one that was being read.
     fn save_to_the_end(&mut self) {
         if self.engine.is_good() {
             self.save();

@@ -7,11 +7,11 @@ use shared_types::clock::{monotonic_ns, sleep_until_ns};
 pub struct WakeUp {
     /// When the loop woke (ns).
     pub wake_ns: u64,
-    /// When it should have (ns); `None` where a sample woke it.
+    /// When it should have woken (ns); `None` if a sample woke it.
     pub deadline_ns: Option<u64>,
 }
 
-/// Moves a deadline to the next one of its grid that is not over, and counts those that are.
+/// Moves a deadline to the next one of its grid that has not passed, and counts those that have.
 pub fn skip_missed(deadline_ns: &mut u64, now_ns: u64, period_ns: u64) -> u64 {
     *deadline_ns += period_ns;
     let missed = match now_ns.checked_sub(*deadline_ns) {

@@ -15,12 +15,12 @@ use shared_types::payload::{Channel, Counters, Estimate, Measurement, Rejection,
 
 /// A checkpoint is saved this often (s).
 const CHECKPOINT_EVERY_S: f64 = 0.5;
-/// A checkpoint is saved only within this part of the limits: a state that diverges is not saved on its way.
+/// A checkpoint is saved only within this part of the limits, so that a diverging state is not saved.
 const PART_OF_LIMITS: f64 = 0.5;
 /// A second fallback within this time (s) means that the checkpoint is bad.
 const RELAPSE_S: f64 = 2.0;
 
-/// All that an engine's future depends on at a checkpoint, beside what it learned.
+/// The state of an engine at a checkpoint: everything that later estimates depend on, except what was learned.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct EngineState {
     /// Of the observers.
@@ -30,12 +30,12 @@ pub struct EngineState {
     newest_arrival_ns: Option<u64>,
 }
 
-/// What an engine goes on from: the checkpoint of another one, of the same design.
+/// A checkpoint of an engine, from which another one of the same design continues.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Checkpoint {
     /// What was learned: the numbers of [`Engine::read_saved`].
     pub learned: Vec<f64>,
-    /// `None` where only what was learned is taken over.
+    /// `None` if only what was learned is resumed.
     pub state: Option<EngineState>,
 }
 
@@ -63,7 +63,7 @@ pub struct Engine {
     tick: Tick,
 }
 
-/// What is known of the tick that is being served.
+/// The present tick.
 #[derive(Debug, Clone, Copy, Default)]
 struct Tick {
     wake_ns: u64,
@@ -72,7 +72,7 @@ struct Tick {
 }
 
 impl Engine {
-    /// An engine that has seen nothing.
+    /// An engine before the first sample.
     pub fn new(config: &Config, estimator: Estimator) -> Self {
         Self {
             estimator,
@@ -145,14 +145,14 @@ impl Engine {
             self.tick.status |= bit(is_outlier, status_bits::HELD_BACK);
         }
         self.counters.samples_accepted += 1;
-        // A forged sequence may claim any gap.
+        // A forged sequence may have any gap.
         self.counters.samples_lost = self.counters.samples_lost.saturating_add(lost);
         self.counters.source_changes += u64::from(new_source);
         self.tick.new_sample = true;
         self.newest_arrival_ns = Some(self.tick.wake_ns);
     }
 
-    /// Ends the tick: what is known now. The stamp of its publication is the loop's to set.
+    /// Ends the tick and returns its estimate. The loop sets the stamp of publication.
     pub fn conclude(&mut self) -> Estimate {
         let wake_ns = self.tick.wake_ns;
         let source_stamp_ns = self.gate.newest_stamp_ns();
@@ -195,9 +195,9 @@ impl Engine {
         (self.estimator.estimate(stamp_ns), true)
     }
 
-    /// A prediction that coasted too far says nothing about what was learned: its state starts again. A channel that
-    /// diverges while it is measured goes back to the checkpoint; on a second time within [`RELAPSE_S`] it begins anew,
-    /// and so does its part of the checkpoint.
+    /// A channel that coasted beyond its limits has its state reset; what was learned is kept, since a long coast does not
+    /// show that it is wrong. A channel that diverges while it is measured returns to the checkpoint. A second divergence
+    /// within [`RELAPSE_S`] means that the checkpoint is bad: the channel begins anew, and so does its part of the checkpoint.
     fn fall_back(&mut self, name: ChannelName, coasts: bool, stamp_ns: u64) {
         let Some(channel) = self.estimator.channel_mut(name) else { return };
         if coasts {
@@ -220,7 +220,7 @@ impl Engine {
         if !Within::of(&restored, &self.limits, 1.0).is(name)
             && let Some(channel) = self.estimator.channel_mut(name)
         {
-            // What it had learned by then is good; the state that goes with it has coasted too far by now.
+            // The learned part of the checkpoint is good; its state has coasted too far by now.
             channel.restart();
         }
     }
@@ -242,8 +242,8 @@ impl Engine {
             | bit(self.frozen, status_bits::FROZEN)
     }
 
-    /// Age of the newest accepted sample at the wake-up (ns). Where samples are the clock, their stamps say nothing
-    /// about now: their arrival does.
+    /// Age of the newest accepted sample at the wake-up (ns). If samples are the clock, their stamps are not comparable with
+    /// the present time, so the time of arrival is used.
     fn age_of_newest_ns(&self) -> Option<u64> {
         let seen_ns = match self.clock {
             Clock::Monotonic => self.gate.newest_stamp_ns(),
@@ -252,7 +252,7 @@ impl Engine {
         seen_ns.map(|seen_ns| self.tick.wake_ns.saturating_sub(seen_ns))
     }
 
-    /// Age of the newest sample at the wake-up (ns), on a tick that brought one and whose stamps are of this clock.
+    /// Age of the newest sample at the wake-up (ns), on a tick with a new sample, if its stamps are of this clock.
     pub fn input_age_ns(&self) -> Option<u64> {
         self.age_of_newest_ns().filter(|_| self.tick.new_sample && self.clock == Clock::Monotonic)
     }
@@ -279,7 +279,7 @@ impl Engine {
         self.is_good && self.counters.ticks.is_multiple_of(self.checkpoint_every)
     }
 
-    /// Whether what was published last is good enough for a checkpoint.
+    /// Whether the newest estimate is good enough for a checkpoint.
     pub fn is_good(&self) -> bool {
         self.is_good
     }
@@ -289,7 +289,7 @@ impl Engine {
         self.n_forgotten
     }
 
-    /// Saves states and weights as the checkpoint, to fall back on and to be written down. No allocation.
+    /// Saves states and weights as the checkpoint, for fallbacks and snapshots. No allocation.
     pub fn save(&mut self) {
         self.saved = Some(EngineState {
             estimator: self.estimator.save(),
@@ -314,10 +314,10 @@ impl Engine {
         self.estimator.read_saved(from, into);
     }
 
-    /// Goes on from the checkpoint of an engine of the same design. With its state, the next step is the same to the bit.
+    /// Continues from the checkpoint of an engine of the same design. With its state, the next step is the same to the bit.
     ///
     /// # Errors
-    /// Where the numbers are not as many as this design has, or not finite: what was found, what is needed.
+    /// If the count of numbers is not that of this design, or a number is not finite: what was found, what is needed.
     pub fn load(&mut self, checkpoint: &Checkpoint) -> Result<(), String> {
         let Checkpoint { learned, state } = checkpoint;
         if learned.len() != self.n_learned() {
@@ -336,17 +336,17 @@ impl Engine {
         Ok(())
     }
 
-    /// What was counted so far.
+    /// The counters.
     pub fn counters(&self) -> &Counters {
         &self.counters
     }
 
-    /// What the loop counts itself.
+    /// The counters that the loop sets.
     pub fn counters_mut(&mut self) -> &mut Counters {
         &mut self.counters
     }
 
-    /// Which samples are accepted.
+    /// The gate.
     pub fn gate(&self) -> &Gate {
         &self.gate
     }
@@ -361,7 +361,7 @@ fn bit(set: bool, bit: u64) -> u64 {
     if set { bit } else { 0 }
 }
 
-/// Which channels are finite and plausible.
+/// Which channels are finite and within their limits.
 struct Within {
     translation: bool,
     rotation: bool,
@@ -371,7 +371,7 @@ struct Within {
 impl Within {
     /// Within this part of the limits.
     fn of(state: &VehicleEstimate, limits: &InputConfig, part: f64) -> Self {
-        // A comparison with NaN is false, so what is not finite is not within.
+        // A comparison with NaN is false, so NaN is not within the limits.
         let translation = state.rigid_body.as_ref().is_none_or(|body| {
             body.velocity_m_s.norm() <= part * limits.max_speed_m_s
                 && body.position_m.norm() <= part * limits.max_position_m
@@ -402,7 +402,7 @@ impl Within {
     }
 }
 
-/// The published form of an estimate; sequences, source, status and publication time are the loop's.
+/// The message of an estimate; the loop sets sequences, source, status and publication time.
 pub fn to_payload(state: &VehicleEstimate) -> Estimate {
     let channel = |report: &ChannelReport| Channel {
         output_error: report.output_error,
@@ -489,21 +489,21 @@ mod tests {
         assert_eq!(bits(2, 3), ([true, false, false], 0));
         assert_eq!(bits(3, 4), ([true, true, false], 1));
         assert_eq!(bits(4, 6), ([true, true, true], 2));
-        // In time again: samples are used again, and those that were turned away are not lost.
+        // In time again: samples are used again, and the rejected ones do not count as lost.
         assert_eq!(bits(5, 0), ([false, false, false], 2));
         let counters = engine.counters();
         assert_eq!((counters.samples_accepted, counters.samples_lost), (4, 0));
         assert_eq!((counters.ticks_predict_only, counters.ticks_invalid), (2, 1));
     }
 
-    /// A channel that diverges goes back to the checkpoint; a checkpoint that does not help is dropped, weights and all.
+    /// A channel that diverges returns to the checkpoint; a checkpoint that does not help is dropped with its weights.
     #[test]
     fn a_divergence_goes_back_to_the_checkpoint_and_a_second_one_begins_anew() {
         let mut engine = engine(|config| config.input.max_unknown_force_n = 8.0);
         let quiet = (0..400).map(|j| tick(&mut engine, j, 0, 1.0)).last().unwrap();
         assert!((force_x_n(&quiet) - 1.0).abs() < 0.5, "{}", force_x_n(&quiet));
         assert_eq!(engine.counters().state_resets, 0);
-        // 20 N that are not commanded pull f̂ beyond 8 N: first the checkpoint comes back, and then nothing is left of it.
+        // An unknown force of 20 N drives f̂ beyond 8 N: first the channel returns to the checkpoint, then it begins anew.
         let mut after_reset = Vec::new();
         for j in 400..700 {
             let estimate = tick(&mut engine, j, 0, 20.0);
@@ -517,15 +517,15 @@ mod tests {
         assert!((after_reset[0] - 1.0).abs() < 1.5, "the checkpoint: {after_reset:?}");
         assert_eq!(after_reset[1], 0.0, "nothing learned: {after_reset:?}");
         assert!(engine.n_forgotten() > 0);
-        // The checkpoint that was dropped does not come back either.
+        // The dropped checkpoint is not used again.
         let mut learned = vec![0.0; engine.n_learned()];
         engine.read_saved(0, &mut learned);
         let largest = learned.iter().fold(0.0_f64, |largest, number| largest.max(number.abs()));
         assert!(largest < 8.0, "{largest}");
     }
 
-    /// Without a sensor the prediction runs beyond all limits in time; what was learned stays, and so does what the other
-    /// channel is.
+    /// Without a sensor the prediction eventually exceeds its limits; what was learned is kept, and the other channel is not
+    /// affected.
     #[test]
     fn a_coast_beyond_the_limits_costs_the_state_and_nothing_else() {
         let mut engine = engine(|config| config.input.max_speed_m_s = 20.0);
@@ -555,13 +555,13 @@ mod tests {
         assert_eq!((resets, engine.counters().state_resets), (1, 1));
         assert_eq!(learned(&engine), before);
         assert_eq!(engine.n_forgotten(), 0);
-        // Measured again, it goes on with what it knew.
+        // With measurements again, it continues with what it had learned.
         let back = (5000..5010).map(|j| tick(&mut engine, j, 0, 1.0)).last().unwrap();
         assert!((force_x_n(&back) - 1.0).abs() < 0.5 && back.status & status_bits::TRACKING == 0, "{back:?}");
         assert_eq!(back.status & status_bits::COASTING_TRANSLATION, 0);
     }
 
-    /// A state on its way beyond the limits is not saved.
+    /// A state that is diverging is not saved.
     #[test]
     fn what_is_beyond_half_of_the_limits_is_not_saved() {
         let mut engine = engine(|config| config.input.max_unknown_force_n = 8.0);

@@ -9,16 +9,16 @@ use observer::{
 };
 use serde::{Deserialize, Serialize};
 
-/// The observers of one vehicle. At least one is there.
+/// The observers of one vehicle; at least one.
 #[derive(Debug, Clone)]
 pub struct Estimator {
     /// Translation and rotation.
     pub rigid_body: Option<RigidBodyObserver>,
-    /// A plant of the configuration's own A, B, C.
+    /// A linear plant with the configuration's A, B, C.
     pub linear: Option<LinearObserver>,
 }
 
-/// All that the observers' future depends on at a checkpoint, beside what they learned.
+/// The state of the observers at a checkpoint: everything that later estimates depend on, except what was learned.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct EstimatorState {
     /// Of each channel that is configured, in the order of [`ChannelName::ALL`].
@@ -66,7 +66,7 @@ impl VehicleEstimate {
 }
 
 impl Estimator {
-    /// Takes one sample. Which outputs were outliers, by channel.
+    /// Takes one sample. Returns which outputs were outliers, by channel.
     pub fn accept(&mut self, sample: &Sample, linear: &LinearSample, learn: Learn) -> [bool; 3] {
         let mut outliers = [false; 3];
         if let Some(body) = &mut self.rigid_body {
@@ -79,7 +79,7 @@ impl Estimator {
         outliers
     }
 
-    /// The estimate at `stamp_ns`, or at the newest sample where that is later.
+    /// The estimate at `stamp_ns`, or at the newest sample if that is later.
     pub fn estimate(&mut self, stamp_ns: u64) -> VehicleEstimate {
         VehicleEstimate {
             rigid_body: self.rigid_body.as_mut().map(|body| body.estimate(stamp_ns)),
@@ -111,7 +111,7 @@ impl Estimator {
         }
     }
 
-    /// Forgets the state, not what was learned; starts again from the next sample, whatever its stamp.
+    /// Forgets the state, not what was learned; starts again from the next sample, with any stamp.
     pub fn restart(&mut self) {
         self.rigid_body.iter_mut().for_each(RigidBodyObserver::restart);
         self.linear.iter_mut().for_each(|observer| observer.channel_mut().restart());
@@ -131,7 +131,7 @@ impl Estimator {
         EstimatorState { channels, fixed_attitude: body.and_then(RigidBodyObserver::fixed_attitude) }
     }
 
-    /// Goes on from the checkpoint of observers of the same design; see [`AnyChannel::load`].
+    /// Continues from the checkpoint of observers of the same design; see [`AnyChannel::load`].
     ///
     /// # Panics
     /// With another count of numbers than [`Estimator::n_learned`].
@@ -169,7 +169,7 @@ impl Estimator {
         }
     }
 
-    /// From now on outputs are judged by this; at first all are accepted.
+    /// Sets how outliers are detected; before, all outputs are accepted.
     pub fn set_innovation_gate(&mut self, gate: InnovationGate) {
         self.each(|_, channel| channel.set_innovation_gate(gate));
     }

@@ -10,9 +10,9 @@ use shared_types::Measurement;
 use shared_types::payload::{MAX_SEQUENCE_GAP, QUATERNION_NORM_TOLERANCE, Rejection, frame, valid};
 use shared_types::table::{Bound, Limit, Message, Payload, Value};
 
-/// Where samples are the clock, one that jumps further ahead starts a new time, if its source may (s).
+/// If samples are the clock, a stamp further ahead than this starts a new time, if its source may do so (s).
 const MAX_JUMP_S: f64 = 60.0;
-/// How many sources that were replaced are remembered: they must not take the stream back while it flows.
+/// How many replaced sources are remembered. They cannot take the stream back while another source is alive.
 const MAX_REPLACED: usize = 8;
 
 /// A sample to be used.
@@ -26,8 +26,8 @@ pub struct Accepted {
     pub lost: u64,
     /// Whether it comes from another source than the one before, or from the same one started again.
     pub new_source: bool,
-    /// Whether its stamp does not go on from the one before: the state must start again. Only where the
-    /// samples are the clock.
+    /// Whether its stamp does not continue from the one before, so that the state must start again. Only if samples are
+    /// the clock.
     pub new_time: bool,
     /// Whether velocity, angular velocity, output repeat one value to the bit for longer than a working sensor does.
     pub stuck: [bool; 3],
@@ -58,7 +58,8 @@ struct Newest {
 
 /// Accepts samples of one source at a time, in the order of their stamps, within physical limits.
 ///
-/// No bad sample closes it for good: after `takeover_after_s` without an accepted sample, the next good one starts anew.
+/// No bad sample closes the gate for ever: after `takeover_after_s` without an accepted sample, the next good one is accepted
+/// as a new beginning.
 #[derive(Debug, Clone)]
 pub struct Gate {
     limits: InputConfig,
@@ -67,7 +68,7 @@ pub struct Gate {
     seen: GateState,
 }
 
-/// All that a gate's next decision depends on, beside the sample and the limits.
+/// The state of a gate: everything that its next decision depends on, except the sample and the limits.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 pub struct GateState {
     newest: Option<Newest>,
@@ -85,7 +86,7 @@ struct Repeats {
 }
 
 impl Repeats {
-    /// How often this value was the one before, too.
+    /// How many times in a row this value has been repeated.
     fn after(&self, value: &[f64]) -> Self {
         let mut padded = [0.0; 6];
         padded[..value.len()].copy_from_slice(value);
@@ -95,7 +96,7 @@ impl Repeats {
 }
 
 impl Gate {
-    /// A gate that has seen nothing. `check_clock` is false where the samples are the clock.
+    /// A gate before the first sample. `check_clock` is false if samples are the clock.
     pub fn new(limits: InputConfig, check_clock: bool) -> Self {
         Self { limits, check_clock, seen: GateState::default() }
     }
@@ -110,10 +111,10 @@ impl Gate {
         self.seen = *seen;
     }
 
-    /// Judges a sample of `source` that was taken from the queue at `now_ns`.
+    /// Checks a sample of `source` that was taken from the queue at `now_ns`.
     ///
     /// # Errors
-    /// Why the sample is not to be used.
+    /// The reason for which the sample is rejected.
     pub fn judge(
         &mut self,
         measurement: &Measurement,
@@ -223,7 +224,7 @@ impl Gate {
                 return Err(Rejection::TooOld);
             }
         } else if m.stamp_ns > u64::MAX / 4 {
-            // No clock has run for a century: arithmetic with such a stamp would overflow.
+            // A stamp of more than a century cannot be right, and arithmetic with it would overflow.
             return Err(Rejection::FarFuture);
         }
         let Some(newest) = &self.seen.newest else { return Ok(anew) };
@@ -309,7 +310,7 @@ fn value_of(bound: Bound, limits: &InputConfig) -> f64 {
 /// A measurement as a sample for the observer of the rigid body.
 ///
 /// # Errors
-/// Where a value is not to be used: `Malformed`, `NotFinite`, `BeyondLimits` or `QuaternionNorm`.
+/// If a value cannot be used: `Malformed`, `NotFinite`, `BeyondLimits` or `QuaternionNorm`.
 pub fn sample_of(m: &Measurement, limits: &InputConfig) -> Result<Sample, Rejection> {
     check_values(m, limits)?;
     let vector = |bit: u32, value: [f64; 3]| m.has(bit).then(|| Vector3::from(value));

@@ -44,7 +44,7 @@ fn refused<E: Debug>(action: &'static str) -> impl FnOnce(E) -> PortsError {
 
 type Loan = SampleMutUninit<ipc::Service, MaybeUninit<Estimate>, ()>;
 
-/// What the loop reads and writes.
+/// The ports of the loop.
 pub struct LoopPorts {
     measurement: Subscriber<ipc::Service, Measurement, ()>,
     estimate: Publisher<ipc::Service, Estimate, ()>,
@@ -53,8 +53,8 @@ pub struct LoopPorts {
 }
 
 impl LoopPorts {
-    /// Makes the services `measurement` and, last of all, `estimate`, by which clients see that the service
-    /// is complete.
+    /// Makes the services `measurement` and, last, `estimate`, whose existence shows clients that the service is
+    /// complete.
     ///
     /// # Errors
     /// Which service or port, why, and what helps.
@@ -87,8 +87,8 @@ impl LoopPorts {
         }
     }
 
-    /// Makes ready for the next tick: loans the next estimate, which allocates, and maps new sources and
-    /// readers, so that the next tick need not.
+    /// Prepares the next tick: loans the next estimate, which allocates, and maps new sources and readers, so
+    /// that the tick itself need not.
     pub fn prepare(&mut self) {
         // A failure concerns one dead source or reader only.
         let _ = self.measurement.update_connections();
@@ -103,7 +103,7 @@ impl LoopPorts {
     }
 }
 
-/// What the housekeeping thread reads and writes.
+/// The ports of the housekeeping thread.
 pub struct HousekeepingPorts {
     status: Publisher<ipc::Service, Status, ()>,
     control: Server<ipc::Service, Command, (), Reply, ()>,
@@ -158,12 +158,12 @@ impl HousekeepingPorts {
 pub struct Request(ActiveRequest<ipc::Service, Command, (), Reply, ()>);
 
 impl Request {
-    /// What is asked: one of [`shared_types::payload::command`].
+    /// The command: one of [`shared_types::payload::command`].
     pub fn kind(&self) -> u32 {
         self.0.kind
     }
 
-    /// Answers it.
+    /// Answers the request.
     pub fn answer(self, reply: Reply) {
         // A client that has ended needs no answer.
         let _ = self.0.send_copy(reply);

@@ -17,7 +17,7 @@ pub enum ReplayError {
     /// The file has no session.
     #[error("no session in it: it is no flight record; needed: a file of `daemon run --record FILE`")]
     NoSession,
-    /// A session's configuration is not understood.
+    /// The configuration of a session cannot be read.
     #[error("recorded by version {program_version}: {cause}")]
     Config {
         /// Version of the program that wrote it.
@@ -45,7 +45,7 @@ pub struct Difference {
     pub replayed: String,
 }
 
-/// What one session of a record is.
+/// The result for one session of a record.
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]
 pub struct SessionReport {
     /// Name of the vehicle.
@@ -58,7 +58,7 @@ pub struct SessionReport {
     pub resumed: bool,
     /// Ticks whose estimates are the same to the bit.
     pub ticks_same: u64,
-    /// Samples that went in.
+    /// Samples that the engine took.
     pub samples: u64,
     /// From its first to its last tick (s).
     pub duration_s: f64,

@@ -65,7 +65,7 @@ impl From<DomainError> for StartError {
 }
 
 impl StartError {
-    /// Whether the command line or the configuration is wrong, and not the machine.
+    /// Whether the command line or the configuration is at fault, not the machine.
     pub fn is_wrong_usage(&self) -> bool {
         matches!(
             self,
@@ -79,16 +79,16 @@ impl StartError {
 /// Which files a service reads and writes; none by default.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct ServiceFiles {
-    /// Directory of the snapshots; without it what is learned lives as long as the service.
+    /// Directory of the snapshots; without it what was learned is lost when the service ends.
     pub state: Option<PathBuf>,
-    /// Begin anew; an old snapshot is set aside.
+    /// Begin anew; an old snapshot is kept under another name.
     pub is_fresh: bool,
     /// Flight record, appended to.
     pub record: Option<PathBuf>,
 }
 
 impl ServiceFiles {
-    /// The snapshot of an instance: its domain is part of the name, so that instances of one name do not meet.
+    /// The snapshot of an instance. The domain is part of its name, so that equally named instances of two domains have different files.
     pub fn snapshot_in(state: &Path, domain: &Domain, instance: &str) -> PathBuf {
         state.join(format!("{}{instance}.snapshot", domain.prefix()))
     }
@@ -127,13 +127,13 @@ impl Service {
         let config = config.config.clone();
         check_instance_name(instance).map_err(PortsError::from)?;
         if config.real_time.required {
-            // Before anything is made that others could see.
+            // Before anything is made in shared memory.
             nothing_refused(&settings::try_out(&config.real_time))?;
         }
         // The threads started from here on inherit this; the loop moves to its own cores.
         let _off_the_loop = OffTheLoop::of_calling_thread(&config.real_time)
             .map_err(|refused| say!("warning: helpers stay on the loop's cores: {refused}"));
-        // From here on the snapshot, too, is ours alone.
+        // From here on no other service uses the snapshot.
         let claim = domain.claim_instance(instance)?;
 
         let mut engine = Engine::new(&config, estimator);
@@ -205,7 +205,7 @@ impl Service {
         let polls = config.trigger == Trigger::Sample;
         service.loop_thread = Some(spawn_with("loop", domain, instance, LoopPorts::make, move |ports| {
             let mut cycle = Cycle::new(engine, ports, loop_rings);
-            // Everything that a tick uses exists: it is all locked, and the priority is not spent on set-up.
+            // Now everything that a tick uses exists, so all of it is locked, and set-up does not run at the priority.
             let (outcome, _held) = settings::apply(&config.real_time);
             let _ = settled.send(outcome);
             cycle.run(&config, &stop);
@@ -219,12 +219,12 @@ impl Service {
         Ok(service)
     }
 
-    /// Finishes the tick, writes down what was learned, takes the services away, and returns the last status.
+    /// Finishes the tick, saves what was learned, removes the services, and returns the last status.
     pub fn stop(mut self) -> Status {
         self.finish().unwrap_or_default()
     }
 
-    /// Whether all threads still run; they end by themselves only by a defect.
+    /// Whether all threads still run; a thread ends by itself only because of a defect.
     pub fn is_running(&self) -> bool {
         self.loop_thread.as_ref().is_some_and(|thread| !thread.is_finished())
             && self.writer_threads.iter().all(|thread| !thread.is_finished())
@@ -236,7 +236,7 @@ impl Service {
         if let Some(thread) = self.loop_thread.take() {
             let _ = thread.join();
         }
-        // The writers end after the loop, which hands over what it has at last.
+        // The writers end after the loop, which hands over its last data.
         self.stop_writers.store(true, Ordering::Release);
         let deadline = Instant::now() + WRITERS_PATIENCE;
         for thread in self.writer_threads.drain(..) {
@@ -277,7 +277,7 @@ fn nothing_refused(outcome: &Outcome) -> Result<(), StartError> {
     if refused.is_empty() { Ok(()) } else { Err(StartError::RealTime(refused.join("; "))) }
 }
 
-/// Says what was granted, and each refusal with its reason and remedy.
+/// Logs what was granted, and each refusal with its reason and remedy.
 fn say_real_time(asked: &RealTimeConfig, polls: bool, outcome: &Outcome) {
     say!("real time: {}", outcome.found.join(", "));
     let nothing = RealTimeConfig { required: true, ..RealTimeConfig::default() };

@@ -34,12 +34,12 @@ const MAGIC: &[u8; 8] = b"obs-snap";
 const VERSION: u32 = 2;
 /// The loop hands over this many numbers a tick: a few microseconds of copying.
 const NUMBERS_PER_TICK: usize = 8192;
-/// A loop that has not handed over a copy after this long, and twice the time that it takes to read it, does not tick,
-/// or has none that is good.
+/// After this time, and twice the time that reading a copy takes, a loop that has handed over no copy does not tick, or has
+/// no good checkpoint.
 const LOOP_PATIENCE: Duration = Duration::from_secs(5);
 const LOOK_EVERY: Duration = Duration::from_millis(5);
 
-/// What was learned and when, and what gives it its meaning.
+/// What was learned and when, and the configuration on which its meaning depends.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Snapshot {
     /// Version of the program that wrote it.
@@ -80,7 +80,7 @@ pub enum SnapshotError {
         /// What is wrong with it.
         found: String,
     },
-    /// It is of another version of the program.
+    /// It has another version of the format.
     #[error(
         "snapshot '{path}' has version {found}, this program reads version {VERSION}; needed: the program that wrote it, or --fresh to begin anew (the file is kept as .old)"
     )]
@@ -197,7 +197,7 @@ impl Snapshot {
         }
     }
 
-    /// What was learned by another design than this configuration's, value by value; empty where nothing differs.
+    /// The values in which the snapshot's design differs from this configuration; empty if none.
     pub fn differences(&self, config: &Config) -> Vec<String> {
         let now = meaning(config);
         let value = |list: &[(String, String)], key: &str| {
@@ -214,7 +214,7 @@ impl Snapshot {
     }
 }
 
-/// The bytes of a regular file; nothing else is waited for.
+/// The bytes of a regular file. Other files are refused, since reading a pipe could block.
 fn read_file(path: &Path) -> io::Result<Vec<u8>> {
     let flags = OFlags::NONBLOCK | OFlags::CLOEXEC;
     let mut file = OpenOptions::new().read(true).custom_flags(flags.bits() as i32).open(path)?;
@@ -251,11 +251,11 @@ pub struct SnapshotLock {
 }
 
 impl SnapshotLock {
-    /// Takes it; it ends with the returned value, or the process.
+    /// Takes the lock. It is released when the returned value is dropped or the process ends.
     ///
     /// # Errors
-    /// `InUse` while another service holds it: one in another container, say, whose claim on the instance is not seen
-    /// here. `Io` with the system's reason.
+    /// `InUse` while another service holds it, for example one in another container, whose claim on the instance is not
+    /// visible here. `Io` with the system's reason.
     pub fn take(path: &Path) -> Result<Self, SnapshotError> {
         let lock = with_suffix(path, ".lock");
         let io_error = |cause| SnapshotError::Io { path: lock.display().to_string(), cause };
@@ -288,8 +288,8 @@ fn cut(value: &str) -> String {
     }
 }
 
-/// The keys that give the learned numbers their meaning, with their values: what is a function of what, in which space,
-/// and what is known already. Gains, rates and dead zones may change between two flights.
+/// The keys on which the meaning of the learned numbers depends, with their values: the channels, the space, and the known
+/// plant. Gains, rates and dead zones may change between two flights.
 pub fn meaning(config: &Config) -> Vec<(String, String)> {
     const WITHOUT_MEANING: [&str; 14] = [
         "sample_rate_hz",
@@ -320,7 +320,7 @@ pub fn meaning(config: &Config) -> Vec<(String, String)> {
     meaning
 }
 
-/// Which boot of this machine it is; empty where the kernel does not say.
+/// The id of this boot of the machine; empty if the kernel does not report it.
 pub fn boot_id() -> String {
     fs::read_to_string("/proc/sys/kernel/random/boot_id").unwrap_or_default().trim().into()
 }
@@ -400,7 +400,7 @@ struct Copied {
     n_forgotten: u64,
 }
 
-/// The loop's end: it is asked with an empty copy, fills it in parts and hands it over. Nothing is allocated.
+/// The loop's end. It receives an empty copy as a request, fills it in parts and hands it over. Nothing is allocated.
 pub struct SnapshotRing {
     requests: rtrb::Consumer<Copied>,
     filled: rtrb::Producer<Copied>,
@@ -470,7 +470,7 @@ pub struct SaverProgress {
     pub stamp_ns: AtomicU64,
 }
 
-/// An operator's wish for a snapshot now, and where the answer goes.
+/// An operator's request for a snapshot, and the channel for the answer.
 pub type SaveRequest = mpsc::SyncSender<Result<String, String>>;
 
 /// The saver thread's end.
@@ -491,16 +491,16 @@ pub struct Saver {
     progress: Arc<SaverProgress>,
 }
 
-/// What others see of the saver thread.
+/// The interface to the saver thread.
 #[derive(Debug, Clone)]
 pub struct SaverHandle {
-    /// To wish for a snapshot now.
+    /// For requests to save a snapshot now.
     pub save_requests: mpsc::Sender<SaveRequest>,
     /// What it has done.
     pub progress: Arc<SaverProgress>,
 }
 
-/// Both ends; without a path no request ever comes.
+/// Makes both ends; without a path no request is ever sent.
 pub fn saver(
     path: Option<PathBuf>,
     instance: &str,
@@ -547,7 +547,7 @@ impl Saver {
             last = Instant::now();
             let done = self.save(stop);
             if let Some(request) = request {
-                // The asker may have stopped waiting.
+                // The requester may have stopped waiting.
                 let _ = request.send(done);
             }
         }
@@ -556,7 +556,7 @@ impl Saver {
         }
     }
 
-    /// Asks the loop for a copy and writes it.
+    /// Requests a copy from the loop and writes it.
     fn save(&mut self, stop: &AtomicBool) -> Result<String, String> {
         // A copy that arrived after its request had timed out is outdated.
         while let Ok(copy) = self.filled.pop() {
@@ -605,12 +605,12 @@ impl Saver {
         }
     }
 
-    /// What was forgotten since is in the file that is there: it is kept.
+    /// Keeps the existing file under another name, because it holds what was forgotten since.
     fn set_aside(&mut self, n_forgotten: u64) -> io::Result<()> {
         if self.n_forgotten == Some(n_forgotten) {
             return Ok(());
         }
-        // Once: what is forgotten again and again is what was learned since the last time, and no flight.
+        // Only once per start: what is forgotten later was learned since then, not in an earlier flight.
         if !self.has_set_aside && self.path.try_exists()? {
             let old = with_suffix(&self.path, ".old");
             let old =
@@ -625,7 +625,7 @@ impl Saver {
 
     fn note_failure(&self, reason: &str) {
         let failed = self.progress.failed.fetch_add(1, Ordering::Relaxed) + 1;
-        // The first, then each power of ten: a full disk is no flood of lines.
+        // Logs the first failure and then each power of ten, so that a full disk does not flood the log.
         if failed.checked_ilog10() > (failed - 1).checked_ilog10() {
             say!(
                 "warning: no snapshot ({failed} times): {reason}; what is learned since lives as long as the service"

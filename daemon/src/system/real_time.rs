@@ -42,7 +42,7 @@ fn refused(asked: impl Into<String>, found: impl ToString, remedy: &'static str)
     Refused { asked: asked.into(), found: found.to_string(), remedy }
 }
 
-/// The cores that the calling thread may run on, in ascending order; empty where the system does not say.
+/// The cores that the calling thread may run on, in ascending order; empty if the system does not report them.
 pub fn allowed_cores() -> Vec<usize> {
     let allowed = sched_getaffinity(None).unwrap_or_default();
     (0..CpuSet::MAX_CPU).filter(|&core| allowed.is_set(core)).collect()
@@ -113,7 +113,7 @@ fn scheduling() -> Option<(&'static str, i32)> {
     Some((name, parameters.sched_priority))
 }
 
-/// Takes away the 50 µs by which the kernel may delay the calling thread's timers to serve several at once.
+/// Removes the 50 µs by which the kernel may delay the calling thread's timers to serve several at once.
 /// A thread with a fixed priority has none anyway; for an ordinary one no right is needed.
 ///
 /// # Errors
@@ -130,7 +130,7 @@ pub fn use_punctual_timers() -> Result<(), Refused> {
 /// Keeps all memory of this process, present and future, from being swapped out or mapped only when it is
 /// first touched.
 ///
-/// Refused, too, where a limit would let later allocations fail: without the right, the limit must be infinite.
+/// Also refused if a limit would make later allocations fail: without the right, the limit must be infinite.
 ///
 /// # Errors
 /// `Refused` without the right to it.
@@ -178,8 +178,8 @@ pub struct AwakeCores {
     _request: File,
 }
 
-/// Asks for cores that wake up at once, at the price of power. It holds for the whole machine, as long as
-/// the returned value lives.
+/// Disables idle states that take time to leave, which costs power. It holds for the whole machine until the
+/// returned value is dropped.
 ///
 /// # Errors
 /// `Refused` without the right to it, or where the kernel does not offer it.

@@ -8,7 +8,7 @@ use sd_notify::NotifyState;
 use shared_types::Status;
 use std::time::{Duration, Instant};
 
-/// Times that the watchdog is fed within the time after which it bites.
+/// How many times the watchdog is fed within its time limit.
 const FEEDINGS_PER_TIMEOUT: u32 = 4;
 const LINE_EVERY: Duration = Duration::from_secs(2);
 
@@ -35,7 +35,7 @@ pub struct ServiceManager {
 }
 
 impl ServiceManager {
-    /// The one that started this process, if any.
+    /// The service manager that started this process, if any.
     pub fn of_this_process() -> Self {
         let now = Instant::now();
         Self {

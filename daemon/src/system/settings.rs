@@ -14,7 +14,7 @@ const HEAP_RESERVE_BYTES: usize = 1024 * 1024;
 /// Blocks of the heap's reserve: below the 128 kB from which each would be a mapping of its own.
 const HEAP_BLOCK_BYTES: usize = 32 * 1024;
 
-/// What was asked of the system, and what it granted.
+/// What was requested from the system, and what it granted.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Outcome {
     /// Bits of [`shared_types::payload::real_time`].
@@ -39,7 +39,7 @@ impl Outcome {
         }
     }
 
-    /// What was refused and the system's reason, in a few words: `priority (Operation not permitted …)`.
+    /// The refused settings and the system's reasons, in a few words: `priority (Operation not permitted …)`.
     pub fn refused_in_short(&self) -> String {
         let short = |(bit, refused): &(u64, Refused)| format!("{} ({})", bits::words(*bit)[0], refused.found);
         self.refused.iter().map(short).collect::<Vec<_>>().join(", ")
@@ -73,8 +73,8 @@ impl Drop for Held {
     }
 }
 
-/// Applies the settings to the calling thread and its process, and goes on without those that are refused. Call it when
-/// everything that the thread will use exists.
+/// Applies the settings to the calling thread and its process; refused settings are left out. Call it after everything that
+/// the thread will use has been made.
 pub fn apply(asked: &RealTimeConfig) -> (Outcome, Held) {
     let (mut outcome, mut held) = (Outcome::default(), Held::default());
     // Before the priority: a thread with a fixed one has no slack that could be set.
@@ -108,7 +108,7 @@ pub fn apply(asked: &RealTimeConfig) -> (Outcome, Held) {
     (outcome, held)
 }
 
-/// What [`apply`] would find; nothing of it stays.
+/// The outcome that [`apply`] would have; no setting stays in effect.
 pub fn try_out(asked: &RealTimeConfig) -> Outcome {
     let asked = asked.clone();
     match std::thread::spawn(move || apply(&asked).0).join() {
@@ -155,7 +155,7 @@ fn touch_stack() {
     std::hint::black_box(&mut reserve);
 }
 
-/// Leaves the thread's heap with memory that is mapped already.
+/// Reserves mapped memory in the thread's heap.
 ///
 /// glibc gives a large block back to the system when it is freed, and from then on keeps blocks of that size
 /// (mallopt(3), "dynamic mmap threshold"); so the first block is there only to be freed.

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 /// Environment variable that names the directory of the snapshots.
 pub const STATE_VARIABLE: &str = "OBSERVER_STATE";
 
-/// Where snapshots go: what was asked for, but for "none"; or what the service manager, or the user's home, offers.
+/// The directory of the snapshots: the requested one (`None` for "none"), or that of the service manager or the user's home.
 pub fn state_directory(asked: Option<&Path>) -> Option<PathBuf> {
     if let Some(asked) = asked {
         let is_none = asked.as_os_str() == "none" || asked.as_os_str().is_empty();

@@ -55,12 +55,12 @@ pub struct Housekeeping {
     most_late_ticks_in_a_row: u64,
     statuses: u64,
     logged: Logged,
-    /// What the system granted to the loop, once that is known.
+    /// The settings that the system granted to the loop, once they are known.
     real_time: Arc<OnceLock<Outcome>>,
     service_manager: ServiceManager,
 }
 
-/// What was logged last.
+/// The counters at the last log.
 #[derive(Default)]
 struct Logged {
     counters: Counters,
@@ -241,7 +241,7 @@ impl Housekeeping {
         Reply::new(outcome::REFUSED, &message, self.status())
     }
 
-    /// That the service runs, and the system's reasons for what it refused: the status has only bits for that.
+    /// The message of a reply: that the service runs, and the system's reasons for refusals, for which the status has only bits.
     fn running(&self) -> String {
         match self.real_time.get() {
             Some(real_time) if !real_time.refused.is_empty() => {
@@ -316,7 +316,7 @@ impl Housekeeping {
         self.log_rare_samples(&before, &now);
     }
 
-    /// Samples that keep coming while many ticks coast: the source is slower than configured.
+    /// Logs that samples arrive while many ticks coast: the source is slower than configured.
     fn log_rare_samples(&mut self, before: &Counters, now: &Counters) {
         let ticks = now.ticks - before.ticks;
         let coasting = now.ticks_coasting - before.ticks_coasting;

@@ -22,10 +22,10 @@ const ENTRIES_BESIDE_SAMPLES: usize = 16;
 /// The ring holds this much time (s) at three entries a tick, up to some 2700 ticks a second.
 const RING_S: f64 = 4.0;
 const POLL_EVERY: Duration = Duration::from_millis(5);
-/// A kill costs this much of the record at most.
+/// A kill loses at most this much of the record.
 const FLUSH_EVERY: Duration = Duration::from_millis(100);
 
-/// The session of a service with this configuration that went on from `checkpoint`.
+/// The session of a service with this configuration that continued from `checkpoint`.
 pub fn session(config: &Config, instance: &str, checkpoint: Option<&Checkpoint>) -> Session {
     Session {
         program_version: env!("CARGO_PKG_VERSION").into(),
@@ -72,7 +72,7 @@ impl RecorderRing {
     /// Takes an event of the present tick.
     pub fn push(&mut self, entry: impl FnOnce() -> Entry) {
         if let Some(ring) = self.ring.as_mut().filter(|_| !self.leaves_out) {
-            // There is room: it was looked for when the tick began.
+            // There is room: `begin_tick` has checked it.
             let _ = ring.push(entry());
         }
     }
@@ -99,7 +99,7 @@ pub struct Recorder {
     /// Ticks in the buffer that are not yet in the file.
     pending_ticks: u64,
     progress: Arc<RecorderProgress>,
-    /// A write failed. Frames written after it would stand behind half a frame, where no reader finds them.
+    /// A write failed. Frames written after it would follow half a frame, so a reader would not find them.
     is_broken: bool,
 }
 
@@ -130,11 +130,11 @@ pub fn recorder(
 }
 
 impl Recorder {
-    /// Writes what comes until `stop`, and then what is left.
+    /// Writes entries until `stop`, and then the remaining ones.
     pub fn run(mut self, stop: &AtomicBool) {
         let mut last_flush = Instant::now();
         loop {
-            // Looked at first: what was pushed before the stop is in the ring now.
+            // Read `stop` first: everything that was pushed before it is then in the ring.
             let is_last = stop.load(Ordering::Acquire);
             while let Ok(entry) = self.ring.pop() {
                 let is_tick = u64::from(matches!(entry, Entry::Estimate(_)));

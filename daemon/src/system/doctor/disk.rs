@@ -13,7 +13,7 @@ const TEST_BYTES: usize = 4096;
 /// A sync that takes longer than this holds up the end of a service.
 const SLOW_MS: f64 = 2000.0;
 
-/// Whether snapshots can be written where they would be, and how long it takes.
+/// Whether snapshots can be written to their directory, and how long that takes.
 pub(super) fn snapshots() -> Fact {
     const NAME: &str = "snapshots";
     let asked = std::env::var_os(STATE_VARIABLE);
@@ -35,7 +35,7 @@ pub(super) fn snapshots() -> Fact {
     }
 }
 
-/// Writes, syncs and removes a small file; how long the first two took (ms).
+/// Writes, syncs and removes a small file. Returns the time of the first two (ms).
 fn write_test(directory: &Path) -> std::io::Result<f64> {
     let path = directory.join(format!("doctor-{}", std::process::id()));
     let start = Instant::now();

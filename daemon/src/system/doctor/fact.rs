@@ -2,12 +2,12 @@
 
 use serde::Serialize;
 
-/// What a fact means for the service.
+/// The verdict on a fact.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub(crate) enum Verdict {
     Good,
-    /// The service flies, but less punctually or safely than it could.
+    /// The service works, but less punctually or safely than it could.
     CouldBeBetter,
     /// The service will be late or fail.
     Bad,

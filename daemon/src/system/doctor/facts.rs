@@ -9,7 +9,7 @@ use std::path::Path;
 
 /// Reading the clock through the vDSO takes some tens of nanoseconds; a system call takes more than this.
 const SYSTEM_CALL_NS: u64 = 150;
-/// A hypervisor that takes more than this part of the processors makes every figure a matter of luck.
+/// If a hypervisor takes more than this part of the processor time, measurements are not meaningful.
 const MAX_STOLEN_SHARE: f64 = 0.001;
 
 pub(super) fn all(plan: &Plan, before: Option<ProcessorTime>) -> Vec<Fact> {
