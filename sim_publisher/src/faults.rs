@@ -39,7 +39,7 @@ pub struct Tally {
     pub samples: u64,
 }
 
-/// A fault at work.
+/// An active fault.
 #[derive(Debug, Clone)]
 struct Active {
     fault: Fault,
@@ -48,12 +48,12 @@ struct Active {
     direction: Vector3<f64>,
     /// Samples so far that it might concern: the phase of "one in n".
     seen: u64,
-    /// What the sensor said last, of the fields that it ever measured.
+    /// The sensor's last values of the fields that it has measured.
     last: Measurement,
     samples: u64,
 }
 
-/// All faults of a run at work.
+/// All faults of a run.
 #[derive(Debug, Clone)]
 pub struct Faults {
     active: Vec<Active>,
@@ -67,7 +67,7 @@ pub struct Faults {
 }
 
 impl Faults {
-    /// These faults, nothing seen yet; each has a random stream of its own.
+    /// These faults, before the first sample; each has a random stream of its own.
     pub fn new(faults: &[Fault], seed: u64) -> Self {
         let active = |(i, &fault): (usize, &Fault)| {
             let mut random = Chance::Faults(i as u64).stream(seed);
@@ -83,13 +83,13 @@ impl Faults {
         }
     }
 
-    /// Takes the next sample; what is to be sent comes out of [`Faults::take_due`]. `false` where it is lost.
+    /// Takes the next sample; [`Faults::take_due`] returns what is to be sent. `false` if the sample is lost.
     pub fn pass(&mut self, mut sample: Measurement) -> bool {
         let t_ns = sample.stamp_ns;
         for fault in &mut self.active {
             fault.distort(&mut sample);
         }
-        // All are asked, so that each draws once for each sample.
+        // Every fault is evaluated, so that each draws once for each sample.
         let lost = self.active.iter_mut().fold(false, |lost, fault| fault.loses(&mut sample, lost));
         if lost {
             return false;
@@ -163,7 +163,7 @@ impl Faults {
 }
 
 impl Active {
-    /// One sample in n, from the first that is asked about.
+    /// One sample in n, beginning with the first one.
     fn is_one_in(&mut self, every: u64) -> bool {
         self.seen += 1;
         (self.seen - 1).is_multiple_of(every)
@@ -210,7 +210,7 @@ impl Active {
         }
     }
 
-    /// Takes the field out of the sample; `true` where nothing is left of it, or it was lost before.
+    /// Removes the field from the sample; `true` if no field is left, or the sample was lost before.
     fn loses(&mut self, sample: &mut Measurement, lost_before: bool) -> bool {
         let Fault { kind, field, span } = self.fault;
         let fields = field.bits & measured() & sample.valid;

@@ -11,16 +11,16 @@ use shared_types::{Client, ClientError, Domain, Measurement, Truth};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
-/// How long one look for the service lasts; a stop is noticed between two looks.
+/// How long one search for the service lasts; a stop is noticed between two searches.
 const CONNECT_PATIENCE: Duration = Duration::from_millis(200);
 /// Time for readers to connect to new ports before the first sample (ns).
 const SETTLING_NS: u64 = 50_000_000;
 /// From the decision to start to the first stamp (ns).
 const LEAD_NS: u64 = 20_000_000;
-/// The longest sleep: a stop is noticed, and readers are let in, at least this often (ns).
+/// The longest sleep: stop requests and new readers are handled at least this often (ns).
 const MAX_SLEEP_NS: u64 = 50_000_000;
 
-/// How the source's time runs on the wall.
+/// The relation of the source's time to real time.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Pace {
     /// How many times faster than its stamps.
@@ -61,9 +61,9 @@ pub struct Published {
 /// A later publication counts as late (ns).
 const LATE_NS: u64 = 1_000_000;
 
-/// Connects to the service of `instance`; waits for it as long as `stop` is not set, telling `waiting` once.
+/// Connects to the service of `instance`. Waits for it until `stop` is set; `waiting` is called once if it must wait.
 ///
-/// `None` where the stop came first.
+/// `None` if it was stopped first.
 ///
 /// # Errors
 /// As [`Client::connect`], `NoDaemon` excepted.
@@ -91,8 +91,8 @@ pub fn connect(
 /// Publishes everything of `source` at `start + instant / speed`, until it ends or `stop` is set. `started` is called
 /// just before the first sample, with the start and the number of skipped samples.
 ///
-/// Every payload carries `start + its own stamp` whatever the speed. The truth goes out just before the
-/// measurement of the same instant, and alone where that sample is lost.
+/// Every payload carries `start + its own stamp` at any speed. The truth is published just before the
+/// measurement of the same instant, and alone if that sample is lost.
 ///
 /// # Errors
 /// `Service` or `Port` where a port cannot be made or refuses a sample.
@@ -131,7 +131,7 @@ pub fn publish(
     Ok(published)
 }
 
-/// Time of the wall for a time of the source; exact at speed 1.
+/// Converts the source's time to real time; exact at speed 1.
 fn scaled(stamp_ns: u64, speed: f64) -> u64 {
     if speed == 1.0 { stamp_ns } else { (stamp_ns as f64 / speed).round() as u64 }
 }
@@ -176,7 +176,7 @@ impl Published {
     }
 }
 
-/// Sleeps until the deadline, letting readers in meanwhile; `false` where a stop came first.
+/// Sleeps until the deadline and connects new readers meanwhile; `false` if it was stopped first.
 fn wait_until(deadline_ns: u64, ports: &Ports, stop: &AtomicBool) -> Result<bool, ClientError> {
     loop {
         if stop.load(Ordering::Relaxed) {

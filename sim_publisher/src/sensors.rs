@@ -10,7 +10,7 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use shared_types::Measurement;
 
-/// What a random stream is for.
+/// The purpose of a random stream.
 #[derive(Debug, Clone, Copy)]
 pub(crate) enum Chance {
     Disturbance,
@@ -158,7 +158,7 @@ pub(crate) struct Noise {
     attitude: Vector3<f64>,
 }
 
-/// The sensors at work.
+/// The sensors of a run.
 #[derive(Debug, Clone)]
 pub(crate) struct Sensors {
     suite: SensorSuite,

@@ -12,7 +12,7 @@ use nalgebra::Vector3;
 use rand_chacha::ChaCha8Rng;
 use shared_types::{Measurement, Truth};
 
-/// Rate of samples where none is asked for (Hz).
+/// The default rate of samples (Hz).
 pub const DEFAULT_RATE_HZ: f64 = 200.0;
 
 /// Highest rate of samples (Hz).
@@ -27,7 +27,7 @@ pub struct SimulationOptions {
     pub rate_hz: f64,
     /// Length of the run (s): samples at `0 ≤ j/rate < duration`; `None` never ends.
     pub duration_s: Option<f64>,
-    /// Seed of all chance.
+    /// Seed of all random streams.
     pub seed: u64,
     /// White noise of the velocity, standard deviation of each axis (m/s).
     pub velocity_noise_m_s: Option<f64>,
@@ -117,9 +117,9 @@ fn is_positive(value: f64) -> bool {
 /// One sample and the truth at the same instant.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SimulatedSample {
-    /// What the sensors say; `None` where the sample is lost. Its sequence is used up all the same.
+    /// The measurement; `None` if the sample is lost. Its sequence number is used up in any case.
     pub measurement: Option<Measurement>,
-    /// What is; stamps count from the start of the run.
+    /// The true state; stamps count from the start of the run.
     pub truth: Truth,
 }
 

@@ -19,10 +19,10 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, TryRecvError, channel};
 use std::time::Duration;
 
-/// How often stop requests and workers are looked at while nothing is to be done.
+/// How often stop requests and workers are checked while nothing is due.
 const LOOK_EVERY_NS: u64 = 5_000_000;
 
-/// What a worker says.
+/// A message of a worker.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", tag = "worker")]
 pub enum Message {
@@ -33,7 +33,7 @@ pub enum Message {
         /// Samples that were due since the last worker died: they are not sent.
         samples_missed: u64,
     },
-    /// It is done.
+    /// It has ended.
     Ended {
         /// What it published.
         published: Published,
@@ -62,7 +62,7 @@ pub enum SuperviseError {
         /// The system's reason.
         error: io::Error,
     },
-    /// The worker ended without having done its work; it said why itself.
+    /// The worker failed; it has reported the reason itself.
     #[error("the publishing process ended early (exit code {0})")]
     Ended(i32),
 }
@@ -102,7 +102,7 @@ pub enum Step {
     },
 }
 
-/// What these faults do to the source's or the service's process: when, after the run's start (ns), in the order of time.
+/// The actions of these faults on the source's or the service's process, in the order of their times after the run's start (ns).
 pub fn steps(faults: &[Fault], process: Reach) -> Vec<(u64, Step)> {
     let mut steps = Vec::new();
     for (i, fault) in faults.iter().enumerate() {
@@ -149,7 +149,7 @@ pub fn supervise(
                 continue;
             }
             Ok(Message::Ended { published, tallies }) => break (published, tallies),
-            // It was asked before it could listen: what it would have counted is not known.
+            // It was stopped before it could handle the signal: its counts are unknown.
             Err(TryRecvError::Disconnected) if asked_to_end => {
                 break (Published { stopped: true, ..Published::default() }, missed.clone());
             }
@@ -170,7 +170,7 @@ pub fn supervise(
                 Step::Stop => worker.signal(Signal::STOP),
                 Step::GoOn => worker.signal(Signal::CONT),
                 Step::Kill if worker.has_ended()? => {}
-                // The next step starts another one: until then nothing is to be heard.
+                // The next action starts another worker; until then no message arrives.
                 Step::Kill => {
                     worker.process.kill().map_err(failed("kill"))?;
                     worker.process.wait().map_err(failed("wait for"))?;

@@ -16,7 +16,7 @@ use std::ops::Range;
 
 /// Thrust above which the vehicle is in the air (N).
 const AIRBORNE_THRUST_N: f64 = 5.0;
-/// Clear of the ground is what is higher than this above the lowest point (m).
+/// Higher than this above the lowest point, the vehicle is clear of the ground (m).
 const CLEAR_OF_GROUND_M: f64 = 0.1;
 /// A shorter loss of thrust is no landing (s).
 const MAX_GAP_S: f64 = 0.5;
@@ -163,7 +163,7 @@ fn airborne(samples: &[Measurement], thrusts_n: &[f64]) -> Option<Range<usize>> 
         }
     }
     let run = runs.into_iter().max_by_key(Range::len)?;
-    // On the ground the ground's force is no function of the motion: the flight is what lies between the
+    // On the ground, the force of the ground is not a function of the motion. The flight is therefore the part between the
     // first and the last sample clear of its lowest point (down is positive).
     let down_m = |index: usize| samples[index].position_m[2];
     let lowest_m = run.clone().map(down_m).fold(f64::NEG_INFINITY, f64::max);

@@ -14,7 +14,7 @@ pub(crate) struct Collector {
     pub(crate) values_not_finite: usize,
     pub(crate) first_ns: Option<i128>,
     pub(crate) remarks: Vec<String>,
-    /// Samples of a recording: unchanged, or left out whole where the service's gate refuses their values.
+    /// For samples of a recording: they stay unchanged, or are left out if the service's gate rejects their values.
     is_exact: bool,
 }
 
@@ -63,8 +63,8 @@ impl Collector {
         Ok(())
     }
 
-    /// Drops samples after a jump ahead where this one is older than they are: their clock was wrong. Otherwise all
-    /// later samples would be late until time has caught up with the jump.
+    /// Drops samples after a jump ahead if this sample is older than they are, since their clock was wrong. Otherwise all
+    /// later samples would be rejected until time has caught up with the jump.
     fn drop_jump_ahead(&mut self, line: u64, stamp_ns: u64) {
         const JUMP_NS: u64 = 1_000_000_000;
         if self.samples.last().is_none_or(|last| last.stamp_ns <= stamp_ns) {
@@ -99,7 +99,7 @@ impl Collector {
 /// Logs round their values.
 pub(crate) const ROUNDED_NORM_TOLERANCE: f64 = 0.05;
 
-/// The quaternion of unit norm, where it is one within the tolerance. One of unit norm stays as it is.
+/// The normalised quaternion, if its norm is 1 within the tolerance. A quaternion of unit norm is not changed.
 pub(crate) fn unit(wxyz: [f64; 4], tolerance: f64) -> Option<[f64; 4]> {
     let norm = wxyz.iter().map(|x| x * x).sum::<f64>().sqrt();
     if (norm - 1.0).abs() < 1e-9 {

@@ -19,17 +19,17 @@ pub enum ImportError {
         /// Which file.
         path: String,
     },
-    /// A column is not there.
+    /// A column is missing.
     #[error("'{path}' has no column '{column}'; its columns are: {found}")]
     MissingColumn {
         /// Which file.
         path: String,
-        /// What was looked for.
+        /// The missing column.
         column: String,
         /// The file's columns.
         found: String,
     },
-    /// It is not of this format, or holds nothing that can be used.
+    /// The file is not of this format, or holds nothing that can be used.
     #[error("'{path}': {found}")]
     Content {
         /// Which file.

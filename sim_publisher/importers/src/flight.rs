@@ -112,7 +112,7 @@ pub struct RecordedFlight {
     pub values_not_finite: usize,
     /// Samples in the air, if the format marks them.
     pub airborne: Option<Range<usize>>,
-    /// Where the file ends too early, what it lacks; a sentence each, for people.
+    /// Remarks, a sentence each: that the file ends too early, what it lacks.
     pub remarks: Vec<String>,
 }
 
@@ -122,7 +122,7 @@ impl RecordedFlight {
         self.skipped.rows()
     }
 
-    /// The remarks, and what was left out; a sentence each, for people.
+    /// The remarks and what was left out, a sentence each.
     pub fn findings(&self) -> Vec<String> {
         let mut findings = self.remarks.clone();
         if self.skipped_rows() > 0 {

@@ -9,7 +9,7 @@ pub trait Importer: std::fmt::Debug + Sync {
     /// Its word on the command line.
     fn name(&self) -> &'static str;
 
-    /// What it is, in one line for people.
+    /// Its description in one line.
     fn about(&self) -> &'static str;
 
     /// The ending of its files, in lower case.
@@ -25,7 +25,7 @@ pub trait Importer: std::fmt::Debug + Sync {
         true
     }
 
-    /// The file's topics or columns, for people. Formats that have neither give nothing.
+    /// The file's topics or columns, as text; empty for a format without them.
     ///
     /// # Errors
     /// The file is damaged from its start.
@@ -78,12 +78,12 @@ impl ImportOption {
     }
 }
 
-/// What a file does not say of itself.
+/// What a file does not determine.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct ImportOptions {
     /// Which column holds what.
     pub columns: CsvMap,
-    /// Which measurements; `None` for the only ones.
+    /// The topic of the measurements; `None` if the file has only one.
     pub topic: Option<String>,
     /// Force of a thrust set-point of 1 (N), along the body's axes.
     pub thrust_n: Option<f64>,

@@ -49,13 +49,13 @@ pub struct Findings {
     pub remarks: Vec<String>,
     /// Topics of the log, with the number of their messages; columns of a table.
     pub contents: Vec<String>,
-    /// How to go on.
+    /// Commands for the next step.
     pub commands: Vec<String>,
     /// Lines of a configuration that follow from the log's rates.
     pub configuration: Vec<String>,
 }
 
-/// Looks into a log.
+/// Inspects a log.
 ///
 /// # Errors
 /// As [`crate::read_flight`]; a table whose columns are not named is no error.

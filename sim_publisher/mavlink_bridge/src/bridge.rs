@@ -20,7 +20,7 @@ use mavlink::dialects::common::{
 use shared_types::Measurement;
 use std::collections::BTreeSet;
 
-/// Senders whose unfinished frames are kept apart.
+/// Number of senders whose unfinished frames are stored separately.
 const MAX_PEERS: usize = 16;
 
 /// The vehicle's messages as samples.
@@ -41,13 +41,13 @@ pub struct Bridge {
     quaternion_at_ns: Option<u64>,
     has_logged_refusal: bool,
     has_logged_signature: bool,
-    /// What may happen with every message is logged once a second at most.
+    /// Events that may occur with every message are logged at most once a second.
     last_jump_log_ns: Option<u64>,
     last_reset_log_ns: Option<u64>,
 }
 
 impl Bridge {
-    /// Nothing heard yet.
+    /// A bridge before the first message.
     pub fn new(settings: Settings) -> Self {
         Self {
             settings,
@@ -69,22 +69,22 @@ impl Bridge {
         }
     }
 
-    /// What became of what came.
+    /// Counts of what was done with the messages.
     pub fn tally(&self) -> &Tally {
         &self.tally
     }
 
-    /// What came, as bytes.
+    /// Counts of bytes and frames.
     pub fn frame_tally(&self) -> FrameTally {
         self.decoders.iter().fold(self.earlier, |sum, (_, decoder)| sum.plus(decoder.tally()))
     }
 
-    /// The system that is followed, once it was heard or named.
+    /// The system that is followed, once it is known or configured.
     pub fn vehicle(&self) -> Option<u8> {
         self.selection.system_id
     }
 
-    /// What kind of autopilot it said to be.
+    /// The kind of autopilot, from its HEARTBEAT.
     pub fn autopilot(&self) -> Option<MavAutopilot> {
         self.selection.autopilot
     }
@@ -94,7 +94,7 @@ impl Bridge {
         self.selection.peer
     }
 
-    /// Systems and components that were heard and are not followed.
+    /// Systems and components that send messages and are not followed.
     pub fn others(&self) -> &BTreeSet<(u8, u8)> {
         &self.selection.others
     }
@@ -104,7 +104,7 @@ impl Bridge {
         self.frame
     }
 
-    /// The clock in use: that of ODOMETRY where it comes.
+    /// The clock in use: that of ODOMETRY, if ODOMETRY arrives.
     pub fn clock(&self) -> &VehicleClock {
         self.joiner.clock(self.odometry_at_ns.is_some())
     }
@@ -146,13 +146,13 @@ impl Bridge {
         self.decoders.push((from, decoder));
     }
 
-    /// Does what is due without a message: completes a sample, repeats a request.
+    /// Does what is due at this time without a message: completes a sample, repeats a request.
     pub fn poll(&mut self, now_ns: u64) {
         self.joiner.poll(now_ns, &mut self.tally);
         self.requests.poll(now_ns, self.selection.system_id, &self.tally, &mut self.out);
     }
 
-    /// Whether a half waits for its other half.
+    /// Whether a message waits for its counterpart.
     pub fn waits(&self) -> bool {
         self.joiner.waits()
     }
@@ -259,7 +259,7 @@ impl Bridge {
         (observed, f64::from(time_boot_ms) * 1e-3)
     }
 
-    /// What the vehicle's clock did, and its time (s); `None` where the message is refused.
+    /// What was observed of the vehicle's clock, and its time (s); `None` if the message is refused.
     fn take_odometry(&mut self, message: &ODOMETRY_DATA, receive_ns: u64) -> Option<(Observed, f64)> {
         let motion = match convert::odometry(message) {
             Ok(motion) => motion,

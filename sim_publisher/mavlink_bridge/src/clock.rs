@@ -12,16 +12,16 @@
 //! Stamps never decrease: if the offset falls, they advance at no less than half of the vehicle's rate until they are right
 //! again. A stamp is never later than the message's arrival.
 
-/// Smallest delays and round trips count for so long (ns).
+/// Smallest delays and round trips are used for this long (ns).
 const WINDOW_NS: u64 = 10_000_000_000;
 const N_BUCKETS: usize = 10;
 const BUCKET_NS: u64 = WINDOW_NS / N_BUCKETS as u64;
-/// A time so far behind the newest one, or ahead of the offset, is of a clock that was set anew (ns).
+/// A time further behind the newest one than this, or ahead of the offset, is of a clock that was set anew (ns).
 const RESET_NS: i128 = 1_000_000_000;
 /// A round trip longer than this gives no better offset than the smallest delay (ns).
 const MAX_ROUND_TRIP_NS: u64 = 200_000_000;
 
-/// Whether the vehicle's clock goes on.
+/// Whether the vehicle's clock continues.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Observed {
     /// As before.
@@ -50,7 +50,7 @@ pub struct VehicleClock {
 }
 
 impl VehicleClock {
-    /// Takes notice of a message that holds the vehicle's time and arrived at `receive_ns`.
+    /// Uses a message that holds the vehicle's time and arrived at `receive_ns`.
     pub(crate) fn observe(&mut self, vehicle_ns: i128, receive_ns: u64) -> Observed {
         let backwards = self.newest_vehicle_ns.is_some_and(|newest| vehicle_ns < newest - RESET_NS);
         let ahead =
@@ -72,7 +72,7 @@ impl VehicleClock {
         observed
     }
 
-    /// Takes notice of an answer to TIMESYNC: sent and received by our clock, answered by the vehicle's.
+    /// Uses an answer to TIMESYNC, with the times of sending and receiving by our clock, and of the answer by the vehicle's.
     pub(crate) fn exchange(&mut self, sent_ns: u64, vehicle_ns: i128, received_ns: u64) {
         let Some(round_trip_ns) = received_ns.checked_sub(sent_ns) else { return };
         let middle_ns = sent_ns + round_trip_ns / 2;

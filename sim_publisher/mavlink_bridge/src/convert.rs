@@ -18,17 +18,17 @@ use mavlink::dialects::common::{
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 use shared_types::{Estimate, Measurement};
 
-/// A quaternion whose norm is further from 1 is none.
+/// A quaternion whose norm differs from 1 by more is ignored.
 const NORM_TOLERANCE: f64 = 0.01;
 
-/// What one message says of the motion; what it does not say is `None`.
+/// The quantities of motion in one message; `None` for those that it does not have.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub(crate) struct Motion {
     /// Inertial (m).
     pub position_m: Option<[f64; 3]>,
     /// Inertial (m/s).
     pub velocity_m_s: Option<[f64; 3]>,
-    /// Body axes (m/s), where there is no attitude to turn it by.
+    /// Body axes (m/s), if there is no attitude to rotate it.
     pub body_velocity_m_s: Option<[f64; 3]>,
     /// Body to inertial.
     pub attitude_wxyz: Option<[f64; 4]>,
@@ -37,7 +37,7 @@ pub(crate) struct Motion {
 }
 
 impl Motion {
-    /// Adds what is known to a sample.
+    /// Adds these quantities to a sample.
     pub(crate) fn add_to(&self, mut sample: Measurement) -> Measurement {
         if let Some(position_m) = self.position_m {
             sample = sample.with_position_m(position_m);
@@ -71,7 +71,7 @@ pub(crate) enum Refused {
         /// MAV_FRAME of the velocities.
         child: u32,
     },
-    /// The vehicle's estimator says so.
+    /// The vehicle's estimator reports a failure.
     #[error("ODOMETRY of quality -1: the vehicle's estimator has failed")]
     Failed,
 }
@@ -164,8 +164,8 @@ pub(crate) fn force_n(thrust: f64, thrust_n: f64, attitude_wxyz: [f64; 4]) -> [f
 
 /// The estimate as ODOMETRY: its own stamp, pose in `frame`, velocities along the body's axes.
 ///
-/// The covariances are unknown, as MAVLink writes that: a bound is none. So the type of the estimator is NAIVE, "without
-/// any real covariance feedback".
+/// The covariances are marked as unknown, since a bound is not a covariance. The type of the estimator is therefore NAIVE,
+/// "without any real covariance feedback".
 pub(crate) fn estimate_message(estimate: &Estimate, frame: MavFrame, reset_counter: u8) -> ODOMETRY_DATA {
     let body_m_s = rotation(estimate.attitude_wxyz).inverse() * Vector3::from(estimate.velocity_m_s);
     let [x, y, z] = estimate.position_m.map(|number| number as f32);

@@ -25,7 +25,7 @@ const MAX_PAYLOAD_BYTES: usize = 255;
 /// Where bytes come from: an address, or `None` for the one other end of a serial line.
 pub type Peer = Option<SocketAddr>;
 
-/// A frame whose sum is right.
+/// A frame with a correct check sum.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Frame {
     /// Of the protocol.
@@ -52,7 +52,7 @@ impl Frame {
 /// What came.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct FrameTally {
-    /// In all.
+    /// All bytes.
     pub bytes: u64,
     /// Frames whose sum was right.
     pub frames: u64,
@@ -80,7 +80,7 @@ impl FrameTally {
     }
 }
 
-/// What the bytes from a marker on are.
+/// The kind of the bytes that begin with a marker.
 enum Candidate {
     Whole(usize),
     WrongSum(usize),
@@ -109,7 +109,7 @@ impl Decoder {
         self.bytes.extend_from_slice(bytes);
     }
 
-    /// Passes all frames that are whole to `take`. What stays is shorter than one frame.
+    /// Passes all complete frames to `take`. The remaining bytes are fewer than one frame has.
     pub(crate) fn take_all(&mut self, mut take: impl FnMut(&Frame)) {
         let mut at = 0;
         while let Some(skipped) = self.bytes[at..].iter().position(|b| is_marker(*b)) {

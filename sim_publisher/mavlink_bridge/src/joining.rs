@@ -11,15 +11,15 @@ use crate::tally::Tally;
 use shared_types::Measurement;
 use shared_types::payload::valid;
 
-/// A message that was not heard for this long does not come any more, and an older set-point is not used (ns).
+/// A message that has not arrived for this long counts as not sent, and an older set-point is not used (ns).
 pub(crate) const RECENT_NS: u64 = 1_000_000_000;
 
-/// Whether it was heard, and recently.
+/// Whether it has arrived recently.
 pub(crate) fn is_recent(at_ns: Option<u64>, now_ns: u64) -> bool {
     at_ns.is_some_and(|at_ns| now_ns.saturating_sub(at_ns) < RECENT_NS)
 }
 
-/// What a message says of the motion.
+/// The quantities of motion in a message.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Half {
     Whole,
@@ -53,15 +53,15 @@ pub(crate) struct Joiner {
     milliseconds: VehicleClock,
     newest_stamp_ns: u64,
     pending: Option<Pending>,
-    /// When the first message came; what else will come is not known yet.
+    /// When the first message arrived; until a second later it is not known which others will.
     began_ns: Option<u64>,
-    /// When each half came last.
+    /// When each of the two messages last arrived.
     position_at_ns: Option<u64>,
     attitude_at_ns: Option<u64>,
     attitude: Option<([f64; 4], u64)>,
     thrust: Option<(f64, u64)>,
     torque: Option<([f64; 3], u64)>,
-    /// Those that were not fetched yet, oldest first.
+    /// Samples that were not fetched yet, oldest first.
     pub(crate) samples: Vec<Measurement>,
 }
 
@@ -95,12 +95,12 @@ impl Joiner {
         }
     }
 
-    /// Whether a half waits for its other half.
+    /// Whether a message waits for its counterpart.
     pub(crate) fn waits(&self) -> bool {
         self.pending.is_some()
     }
 
-    /// Completes a sample whose other half does not come.
+    /// Completes a sample whose counterpart does not arrive.
     pub(crate) fn poll(&mut self, now_ns: u64, tally: &mut Tally) {
         let join_ns = self.settings.join_ns;
         if self.pending.is_some_and(|pending| now_ns.saturating_sub(pending.receive_ns) >= join_ns) {

@@ -23,7 +23,7 @@ const DEFAULT_BAUD: u32 = 57_600;
 pub enum Address {
     /// Listens there.
     Udp(String),
-    /// Speaks first, to this address.
+    /// Sends first, to this address.
     UdpOut(String),
     /// A serial port.
     Serial {
@@ -72,7 +72,7 @@ impl fmt::Display for Address {
     }
 }
 
-/// Why the wire cannot be used.
+/// Why the link cannot be used.
 #[derive(Debug, thiserror::Error)]
 pub enum LinkError {
     /// Another program listens there.
@@ -89,7 +89,7 @@ pub enum LinkError {
         /// The system's reason.
         cause: std::io::Error,
     },
-    /// The name leads nowhere.
+    /// The name has no address.
     #[error("cannot find '{name}': {cause}; needed: HOST:PORT")]
     Host {
         /// Which.
@@ -178,7 +178,7 @@ impl Link {
         Ok(Self::Udp(socket, to))
     }
 
-    /// Waits until something comes, at most this long.
+    /// Waits until bytes arrive, at most this long.
     pub fn wait(&self, max: Duration) {
         let mut fds = [PollFd::new(self, PollFlags::IN)];
         let max = Timespec { tv_sec: max.as_secs().cast_signed(), tv_nsec: i64::from(max.subsec_nanos()) };
@@ -255,7 +255,7 @@ fn serial(path: &str, baud: u32) -> Result<File, LinkError> {
         settings.set_speed(baud)?;
         tcsetattr(&port, OptionalActions::Now, &settings)?;
         ioctl_tiocexcl(&port)?;
-        // What came at another speed is noise.
+        // Bytes that arrived at another speed are noise.
         tcflush(&port, QueueSelector::IFlush)
     };
     set().map_err(|cause| LinkError::Port { path: path.into(), baud, cause: cause.into() })?;

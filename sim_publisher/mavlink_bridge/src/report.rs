@@ -15,20 +15,20 @@ const SILENCE_NS: u64 = 5 * S;
 /// What a run did.
 #[derive(Debug)]
 pub struct Bridged {
-    /// What came, and what became of it.
+    /// Counts of the messages.
     pub bridge: Bridge,
     /// Estimates that were sent.
     pub estimates_sent: u64,
-    /// Estimates that were due and must not be used: stale, invalid, or none yet.
+    /// Estimates that were due and not sent, because they were stale, invalid, or missing.
     pub estimates_withheld: u64,
-    /// How long it was listened (s).
+    /// Length of the run (s).
     pub duration_s: f64,
     /// Whether a stop ended it.
     pub stopped: bool,
 }
 
 impl Bridged {
-    /// For scripts.
+    /// The report as JSON.
     pub fn document(&self) -> serde_json::Value {
         let (frames, tally, clock) = (self.bridge.frame_tally(), self.bridge.tally(), self.bridge.clock());
         serde_json::json!({
@@ -59,7 +59,7 @@ impl Bridged {
         })
     }
 
-    /// For people.
+    /// The report as text.
     pub fn line(&self) -> String {
         let ending = if self.stopped { ", stopped" } else { "" };
         format!(
@@ -72,7 +72,7 @@ impl Bridged {
     }
 }
 
-/// What came, in words, without zeros.
+/// The counts in words, without zeros.
 pub(crate) fn counts(bridge: &Bridge) -> String {
     let (frames, tally) = (bridge.frame_tally(), bridge.tally());
     let mut words: Vec<String> = tally.messages.iter().map(|(name, n)| format!("{n} {name}")).collect();
@@ -96,7 +96,7 @@ pub(crate) fn counts(bridge: &Bridge) -> String {
     if words.is_empty() { "nothing came".into() } else { words.join(", ") }
 }
 
-/// Notices, once each time, that nothing comes, or nothing that can be used.
+/// Detects that nothing arrives, or nothing that can be used, and reports it once each time.
 pub(crate) struct Silence {
     heard_ns: u64,
     frames: u64,

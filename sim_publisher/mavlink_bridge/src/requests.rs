@@ -11,10 +11,10 @@ use mavlink::dialects::common::{
 /// An answer is waited for this long (ns).
 const ANSWER_NS: u64 = 1_000_000_000;
 const MAX_ATTEMPTS: u32 = 5;
-/// Together they say what ODOMETRY says.
+/// The messages that together have the contents of ODOMETRY.
 const PAIR_IDS: [u32; 2] = [LOCAL_POSITION_NED_DATA::ID, ATTITUDE_QUATERNION_DATA::ID];
 
-/// What goes out: to the vehicle, and to the operator.
+/// The output: messages for the vehicle, and lines for the operator.
 #[derive(Debug, Default)]
 pub(crate) struct Outbox {
     pub(crate) replies: Vec<MavMessage>,
@@ -35,7 +35,7 @@ impl Request {
     }
 }
 
-/// The requests that are still to be granted.
+/// The requests that the vehicle has not granted yet.
 #[derive(Debug)]
 pub(crate) struct Requests {
     settings: Settings,

@@ -24,11 +24,11 @@ const BEAT_NS: u64 = S;
 /// Period of TIMESYNC in the first seconds, until a short round trip is found (ns).
 const FIRST_SYNC_NS: u64 = 100 * MS;
 const FIRST_SYNCS: u32 = 20;
-/// Between two lines about what came (ns).
+/// Time between two lines with counts (ns).
 const STATUS_NS: u64 = 5 * S;
 /// Time between two attempts to open a device that was removed (ns).
 const REOPEN_NS: u64 = S;
-/// A stop is noticed, and readers are let in, at least this often.
+/// Stop requests and new readers are handled at least this often.
 const MAX_WAIT: Duration = Duration::from_millis(20);
 /// While an estimate is due, or half a sample waits.
 const SHORT_WAIT: Duration = Duration::from_millis(1);
@@ -38,13 +38,13 @@ const FIRST_SYSTEM_ID: u8 = 1;
 /// How to talk to a vehicle.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Options {
-    /// Where the vehicle is.
+    /// The address of the vehicle.
     pub listen: Address,
-    /// What to take, and how.
+    /// The settings of the bridge.
     pub settings: Settings,
     /// Whether the estimate is sent as ODOMETRY.
     pub sends_odometry: bool,
-    /// Where to (udp, `HOST:PORT`); `None` for the vehicle that talks.
+    /// Destination (udp, `HOST:PORT`); `None` for the sender of the vehicle's messages.
     pub send_to: Option<String>,
     /// How often at most (Hz), above 0.
     pub send_rate_hz: f64,
@@ -61,10 +61,10 @@ pub struct Options {
 /// Why the bridge ends without having done its work.
 #[derive(Debug, thiserror::Error)]
 pub enum MavlinkError {
-    /// The wire.
+    /// The link failed.
     #[error(transparent)]
     Link(#[from] LinkError),
-    /// Shared memory.
+    /// Shared memory failed.
     #[error(transparent)]
     Client(#[from] ClientError),
 }
@@ -163,7 +163,7 @@ pub fn run(
         sequence: 0,
     };
     let mut bytes = vec![0; 1 << 16];
-    // What waited before is of unknown age.
+    // Bytes that arrived before have an unknown age.
     for _ in 0..10_000 {
         if !matches!(link.receive(&mut bytes), Ok(Some(_))) {
             break;
@@ -260,7 +260,7 @@ pub fn run(
     })
 }
 
-/// Takes what lies ready, for 5 ms at most: a sender without pause must not block the rest.
+/// Takes the bytes that have arrived, for 5 ms at most: a sender without pauses must not block the rest.
 fn take(link: &Link, bytes: &mut [u8], bridge: &mut Bridge) -> Result<(), std::io::Error> {
     let start_ns = monotonic_ns();
     for _ in 0..256 {

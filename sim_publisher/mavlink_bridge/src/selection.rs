@@ -15,13 +15,13 @@ const MAX_OTHERS: usize = 64;
 #[derive(Debug)]
 pub(crate) struct Selection {
     component_id: u8,
-    /// Once it was heard or named.
+    /// Known once a message has arrived, or configured.
     pub(crate) system_id: Option<u8>,
-    /// What kind of autopilot it said to be.
+    /// The kind of autopilot, from its HEARTBEAT.
     pub(crate) autopilot: Option<MavAutopilot>,
     /// Where its frames come from.
     pub(crate) peer: Peer,
-    /// Systems and components that were heard and are not followed.
+    /// Systems and components that send messages and are not followed.
     pub(crate) others: BTreeSet<(u8, u8)>,
     next_sequence: Option<u8>,
 }

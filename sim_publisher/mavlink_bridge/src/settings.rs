@@ -3,7 +3,7 @@
 /// Which messages are taken.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub enum Source {
-    /// ODOMETRY where it comes, else the others.
+    /// ODOMETRY if it arrives, otherwise the others.
     #[default]
     Auto,
     /// ODOMETRY alone.
@@ -12,10 +12,10 @@ pub enum Source {
     LocalPosition,
 }
 
-/// What to take, and how.
+/// The settings of a bridge.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Settings {
-    /// The vehicle; `None` for the first autopilot that is heard.
+    /// The vehicle; `None` for the first autopilot from which a message arrives.
     pub system_id: Option<u8>,
     /// Its component.
     pub component_id: u8,
@@ -27,7 +27,7 @@ pub struct Settings {
     pub thrust_n: Option<f64>,
     /// Torque of a torque set-point of 1 (N·m), about each axis of the body.
     pub torque_n_m: Option<[f64; 3]>,
-    /// How often the vehicle is asked to send what is taken (Hz).
+    /// The rate at which the vehicle is requested to send the messages (Hz).
     pub request_rate_hz: Option<f64>,
 }
 

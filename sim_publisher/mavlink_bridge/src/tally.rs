@@ -6,7 +6,7 @@ use std::collections::BTreeMap;
 /// Messages that are counted by name.
 const MAX_NAMES: usize = 64;
 
-/// What came, and what became of it.
+/// Counts of the messages and of what was done with them.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Tally {
     /// Messages of the vehicle, by name.
@@ -47,7 +47,7 @@ impl Tally {
     }
 }
 
-/// As the message set calls it.
+/// The name in the message set.
 pub(crate) fn name_of(message_id: u32) -> &'static str {
     MavMessage::all_messages().iter().find(|(_, id)| *id == message_id).map_or("unknown", |(name, _)| name)
 }

@@ -62,7 +62,7 @@ fn each(
     let mut reader = LinearReader::new_with_options(options);
     let mut channels = ChannelAccumulator::default();
     let (mut rest, mut line, mut is_summary) = (bytes, 0, false);
-    // What comes after an error cannot be found any more; a file that was cut is good until there.
+    // After an error nothing can be found any more; the part before it is good.
     let ends = |line: u64, error: &McapError| match (error, line) {
         (McapError::BadMagic, 0) => Err(wrong(name, told(error))),
         _ => Ok(Some((line + 1, told(error)))),
@@ -80,7 +80,7 @@ fn each(
             Err(error) => return ends(line, &error),
         };
         let noted = match record {
-            // The summary says everything once more.
+            // The summary repeats the contents.
             Ok(_) if is_summary => Ok(()),
             Ok(Record::Schema { header, data }) => channels.add_schema(header, data.into_owned().into()),
             Ok(Record::Channel(channel)) => channels.add_channel(channel),
@@ -209,7 +209,7 @@ impl Flight {
             self.first_sequence = sample.sequence;
         }
         if let Some(added) = self.collector.samples.last_mut() {
-            // Losses stay losses, where the source has not begun again and the number is not damaged.
+            // Losses are kept, unless the source has begun again or the number is damaged.
             let next = previous.map_or(0, |previous| previous + 1);
             let since_first = sample.sequence.saturating_sub(self.first_sequence).max(next);
             added.sequence = if since_first - next > MAX_SEQUENCE_GAP { next } else { since_first };
@@ -217,7 +217,7 @@ impl Flight {
     }
 }
 
-/// A sample from its message; `None` where a field is not what it was.
+/// A sample from its message; `None` if a field has another type.
 fn measurement(message: &DynamicMessage) -> Option<Measurement> {
     let mut sample = Measurement::at(unsigned(message, "stamp_ns")?, unsigned(message, "sequence")?);
     let valid = u32::try_from(unsigned(message, "valid")?).ok()?;
@@ -404,7 +404,7 @@ fn numbers(message: &DynamicMessage, field: &str) -> Option<Vec<f64>> {
     message.get_field_by_name(field)?.as_list()?.iter().map(Value::as_f64).collect()
 }
 
-/// What the reader found, for people.
+/// The reader's error as text.
 fn told(error: &McapError) -> String {
     match error {
         McapError::BadMagic => "it does not begin as an MCAP file".into(),

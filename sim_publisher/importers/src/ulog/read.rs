@@ -24,7 +24,7 @@ use std::collections::BTreeMap;
 /// Standard gravity (m/s²).
 const GRAVITY_M_S2: f64 = 9.80665;
 
-/// A message that matters.
+/// A message that is used.
 #[derive(Debug, Clone, Copy)]
 enum Event {
     Motion {
@@ -56,7 +56,7 @@ struct Contents {
     hover_thrust: Option<f64>,
 }
 
-/// Reads what matters, in the order of the file.
+/// Reads the messages that are used, in the order of the file.
 fn read(bytes: &[u8]) -> (Vec<(u64, Event)>, Contents) {
     let mut events = Vec::new();
     let mut topics: BTreeMap<String, usize> = BTreeMap::new();
@@ -88,8 +88,8 @@ fn read(bytes: &[u8]) -> (Vec<(u64, Event)>, Contents) {
     (events, Contents { topics, dropouts, dropouts_ms, ended_by, hover_thrust })
 }
 
-/// Feeds the log: up to its appended sections, if it has some (of a crash), then those. Of the messages only those that
-/// are needed: px4-ulog 0.6.1 takes the shape of the others (parameters, texts) for granted.
+/// Passes the log to the parser: up to its appended sections, if it has any (of a crash), then these. Only the needed
+/// messages are passed, because px4-ulog 0.6.1 does not check the shape of the others (parameters, texts).
 fn consume(parser: &mut LogParser<'_>, bytes: &[u8]) -> Result<(), String> {
     const HEADER_BYTES: usize = 16;
     let (header, mut rest) = bytes.split_at(bytes.len().min(HEADER_BYTES));
@@ -138,7 +138,7 @@ fn first_message(section: &[u8]) -> Option<&[u8]> {
     section.get(..3 + size)
 }
 
-/// The time (µs) and content of a message, if it matters and is whole.
+/// The time (µs) and content of a message, if it is used and complete.
 fn event(topic: &str, message: &DataMessage<'_>) -> Option<(u64, Event)> {
     let format = message.flattened_format;
     if message.data.len() < usize::from(format.size()) {
@@ -420,7 +420,7 @@ mod tests {
         );
         let remarks = parse(&rates, "f.ulg", &ImportOptions::default()).unwrap().remarks.join("; ");
         assert!(remarks.contains("no valid velocity") && remarks.contains("no force: neither"), "{remarks}");
-        // A message that ends within itself.
+        // A message that is shorter than its fields.
         let torn = parse(&rates[..rates.len() - 1], "f.ulg", &ImportOptions::default()).unwrap();
         assert_eq!(torn.samples.len(), 1);
         assert!(torn.remarks[0].contains("ends within a message"), "{:?}", torn.remarks);
