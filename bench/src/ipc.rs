@@ -74,7 +74,7 @@ pub(crate) fn run(arguments: &IpcArguments) -> anyhow::Result<()> {
     show(arguments.json, &report, || report.print())
 }
 
-/// Times of one way (ns).
+/// Times of one kind (ns).
 #[derive(Debug, Default)]
 struct Times {
     there: Vec<u64>,
@@ -102,7 +102,7 @@ impl Times {
     }
 }
 
-/// One way with its other side.
+/// One kind of round trip, with its other side.
 struct Contestant<E> {
     exchange: E,
     other_side: Child,
@@ -239,7 +239,7 @@ fn subscriber<T: iceoryx2::prelude::ZeroCopySend + std::fmt::Debug>(
     topic.subscriber_builder().create().map_err(bare_error)
 }
 
-/// The other side of the bare way, a process of its own: `bench echo --root PATH`. It answers every sample
+/// The other side of the bare kind, a process of its own: `bench echo --root PATH`. It answers every sample
 /// with an estimate, polling, until it is stopped.
 ///
 /// # Errors

@@ -78,7 +78,7 @@ impl Mode {
 /// Runs `bench jitter`.
 ///
 /// # Errors
-/// A cyclictest that is installed and fails. What the system does not grant is no error: its rows are null, with the
+/// A cyclictest that is installed and fails. A setting that the system refuses is not an error: its rows are null, with the
 /// reason.
 pub(crate) fn run(arguments: &JitterArguments) -> anyhow::Result<()> {
     warn_of_debug_build();
@@ -163,7 +163,7 @@ impl Slice {
         }
     }
 
-    /// As the service's loop waits, and with what it asks of the system.
+    /// Waits as the service's loop does, with the settings that it requests from the system.
     fn wait(self, stop: &AtomicBool) -> Result<Vec<u64>, Refused> {
         real_time::stay_on_cores(&[self.core])?;
         real_time::use_punctual_timers()?;
@@ -212,8 +212,8 @@ impl Slice {
     }
 }
 
-/// cyclictest counts each nanosecond up to here on its own, and what is later together. Such a wake-up is
-/// taken for exactly this late, which flatters cyclictest.
+/// cyclictest counts each nanosecond up to here separately, and all later wake-ups together. Their lateness is taken to be
+/// exactly this, which favours cyclictest.
 const HISTOGRAM_NS: u64 = 1_000_000;
 
 /// The samples of cyclictest's histogram: lines of lateness (ns) and count, between lines that begin with '#'.
@@ -242,7 +242,7 @@ struct Row {
     mode: Mode,
     rate_hz: f64,
     lateness_ns: Option<LatencySummary>,
-    /// Why there is none.
+    /// The reason, if there is none.
     #[serde(skip_serializing_if = "Option::is_none")]
     lateness_ns_reason: Option<String>,
     #[serde(skip)]

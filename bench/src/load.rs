@@ -165,7 +165,7 @@ struct Vehicle {
     service: Child,
 }
 
-/// What a vehicle's service has used since it began.
+/// The resources that a vehicle's service has used since its start.
 struct Used {
     status: Status,
     service_ns: u64,

@@ -185,7 +185,7 @@ impl Report<'_> {
     }
 }
 
-/// The share of estimates that came later than x, a panel for each rate.
+/// The share of estimates that arrived later than x, one panel per rate.
 fn draw(file: &Path, rows: &[Row]) -> anyhow::Result<()> {
     const MAX_POINTS: usize = 2000;
     let mut rates_hz: Vec<f64> = rows.iter().map(|row| row.rate_hz).collect();

@@ -15,11 +15,11 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 const RIGID_BODY: &str = "rigid-body";
-/// Memory is looked at this often (s).
+/// Memory is read this often (s).
 const LOOK_EVERY_S: f64 = 1.0;
 /// The first part of the run is for whatever is set up lazily.
 const SETTLING_PART: f64 = 0.2;
-/// A shorter run is mostly lazy set-up: its memory is shown, not judged.
+/// A shorter run is mostly lazy set-up: its memory is printed, not checked.
 const MIN_S_FOR_MEMORY: f64 = 60.0;
 /// Megabytes that each of the load's processes writes over and over.
 const LOAD_MB: usize = 64;
@@ -44,7 +44,7 @@ pub(crate) struct SoakArguments {
     json: bool,
 }
 
-/// What a run showed.
+/// The result of a run.
 #[derive(Debug, Serialize)]
 struct Report {
     rate_hz: f64,
@@ -144,7 +144,7 @@ pub(crate) fn run(arguments: &SoakArguments) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// What was seen while the vehicle ran.
+/// Recorded while the vehicle ran.
 struct Seen {
     samples_sent: u64,
     status: Status,

@@ -117,7 +117,7 @@ fn refused(action: &'static str, name: &str, cause: &dyn Debug) -> ServiceError 
 /// # Errors
 /// `Refused` with iceoryx2's reason.
 pub fn node(domain: &Domain, name: &str) -> Result<Node, ServiceError> {
-    // iceoryx2 logs on its own; what matters comes back as an error and is said once, by us.
+    // iceoryx2's own log is turned off: its errors are returned, and reported once by the caller.
     set_log_level(LogLevel::Fatal);
     let node_name = NodeName::new(name).map_err(|error| refused("name node", name, &error))?;
     let node = NodeBuilder::new()
@@ -132,8 +132,8 @@ pub fn node(domain: &Domain, name: &str) -> Result<Node, ServiceError> {
 }
 
 /// The domain's configuration of iceoryx2 for programs that are not ours, such as the link between machines
-/// (docs/across-machines.md). The services that those make themselves, mirrors of ours, have qualities like those
-/// that the daemon gives.
+/// (docs/across-machines.md). The services that those programs make as mirrors of ours have the qualities that
+/// the daemon's services have.
 pub fn config_for_others(domain: &Domain) -> Config {
     let mut config = domain.config();
     let topic = &mut config.defaults.publish_subscribe;

@@ -80,7 +80,7 @@ pub enum Bound {
     Input,
 }
 
-/// What is asked of the numbers of a field, beside that they are finite.
+/// The requirement on the numbers of a field, beside that they are finite.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Limit {
     /// Nothing.
@@ -133,11 +133,11 @@ pub struct Field {
     pub components: Components,
     /// What a sensor's field is about.
     pub quantity: Option<Quantity>,
-    /// What is asked of its numbers.
+    /// The requirement on its numbers.
     pub limit: Limit,
     /// The words of its bits.
     pub words: Option<&'static Constants>,
-    /// Value that means that nothing is known.
+    /// The value that means unknown.
     pub unknown: Option<u64>,
 }
 
@@ -239,7 +239,7 @@ pub fn numbers_are_finite(message: &impl Message, valid: u32) -> bool {
     })
 }
 
-/// One constant: its value, and a word for people where it is a bit that has one.
+/// One constant: its value, and the word of a bit, if it has one.
 #[derive(Debug, Clone, Copy)]
 pub struct Constant {
     /// Its name in Rust.
@@ -248,7 +248,7 @@ pub struct Constant {
     pub doc: &'static str,
     /// Its value.
     pub value: u64,
-    /// For people; may be empty.
+    /// Its word in messages; may be empty.
     pub word: &'static str,
 }
 

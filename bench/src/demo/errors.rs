@@ -10,7 +10,7 @@ use observer::Learn;
 use shared_types::payload::{Estimate, status_bits};
 use shared_types::{Measurement, Truth};
 
-/// A run as it was seen in shared memory.
+/// The messages of a run, recorded from shared memory.
 pub(super) struct Run {
     pub(super) truths: Vec<Truth>,
     pub(super) estimates: Vec<Estimate>,
@@ -18,7 +18,7 @@ pub(super) struct Run {
 }
 
 impl Run {
-    /// Keeps the estimates that hold a sample and lie between two true states.
+    /// Uses the estimates that contain a sample and lie between two true states.
     pub(super) fn new(
         truths: Vec<Truth>,
         measurements: Vec<Measurement>,
@@ -60,7 +60,7 @@ impl Run {
     }
 }
 
-/// What an estimate and the truth are compared by.
+/// A quantity in which estimate and truth are compared.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Quantity {
     Position,
@@ -142,7 +142,7 @@ pub(super) struct RmsMax {
 }
 
 impl RmsMax {
-    /// Of the errors over a run's second half, after it had time to learn; `None` where there are none.
+    /// Of the errors over the second half of a run, after the observer has learned; `None` if there are none.
     pub(super) fn over_second_half(run: &Run, estimates: &[Estimate], quantity: Quantity) -> Option<Self> {
         let half_s = run.duration_s() / 2.0;
         let second_half = estimates.iter().filter(|estimate| run.seconds(estimate.stamp_ns) >= half_s);

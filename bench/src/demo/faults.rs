@@ -26,9 +26,9 @@ const AROUND_S: f64 = 2.0;
 const WINDOW_S: f64 = 0.5;
 /// … is at most this many times the fault-free level.
 const BACK_WITHIN: f64 = 1.5;
-/// What the service counts until then belongs to the fault (s), unless another one starts before.
+/// The service's counts until then (s) are attributed to the fault, unless another one starts before.
 const COUNTED_FOR_S: f64 = 2.0;
-/// From then on (s) what a fault left behind is looked at …
+/// Lasting effects of a fault are measured from then on (s) …
 const AFTERWARDS_S: f64 = 2.0;
 /// … until then (s).
 const AFTERWARDS_END_S: f64 = 5.0;
@@ -98,7 +98,7 @@ fn counters(status: &Status) -> Vec<(String, u64)> {
     others.into_iter().map(|(name, count)| (name.to_owned(), count)).chain(rejected).collect()
 }
 
-/// What rose from one status to another; a service that started in between counts from 0.
+/// The counters that increased from one status to another; a service that started in between counts from 0.
 fn rises(before: &Status, after: &Status) -> Vec<(String, u64)> {
     let restarted = before.start_stamp_ns != after.start_stamp_ns;
     let before = if restarted { Status::default() } else { *before };
@@ -108,7 +108,7 @@ fn rises(before: &Status, after: &Status) -> Vec<(String, u64)> {
     restart.into_iter().chain(risen.filter(|(_, count)| *count > 0)).collect()
 }
 
-/// What one fault did.
+/// The effect of one fault.
 #[derive(Debug, Clone)]
 struct Effect {
     fault: Fault,
@@ -123,7 +123,7 @@ struct Effect {
     rises: Vec<(String, u64)>,
 }
 
-/// What all faults of a run did.
+/// The effects of all faults of a run.
 #[derive(Debug)]
 pub(super) struct FaultReport {
     /// Velocity, or angular velocity where there is no translation.
@@ -135,7 +135,7 @@ pub(super) struct FaultReport {
 }
 
 impl FaultReport {
-    /// From the run, the same without faults, the statuses seen, and what the vehicle says of each of its faults.
+    /// From the run, the same run without faults, the recorded statuses, and the vehicle's report on each of its faults.
     pub(super) fn new(
         run: &Run,
         without: &[Estimate],
@@ -199,7 +199,7 @@ impl FaultReport {
         Ok(Self { judged, effects, estimates_not_finite, with, without })
     }
 
-    /// The judged error, with its unit.
+    /// The evaluated error, with its unit.
     fn label(&self) -> &'static str {
         match self.judged {
             Quantity::Velocity => "velocity error (m/s)",

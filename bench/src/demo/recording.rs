@@ -18,16 +18,16 @@ use std::time::{Duration, Instant};
 const LOOK_EVERY: Duration = Duration::from_millis(1);
 const PROGRESS_EVERY: Duration = Duration::from_millis(100);
 
-/// What was seen in shared memory.
+/// The messages recorded from shared memory.
 pub(super) struct Recording {
     pub(super) measurements: Vec<Measurement>,
     pub(super) truths: Vec<Truth>,
     pub(super) estimates: Vec<Estimate>,
     pub(super) statuses: Vec<Status>,
     pub(super) samples_sent: u64,
-    /// What the vehicle says it did.
+    /// The vehicle's report.
     pub(super) summary: serde_json::Value,
-    /// The last.
+    /// The last status.
     pub(super) status: Status,
 }
 
@@ -66,7 +66,7 @@ impl<'a> Service<'a> {
         Ok(())
     }
 
-    /// Makes it run, also where a fault has stopped or killed it.
+    /// Makes it run again if a fault has stopped or killed it.
     fn revive(&mut self) -> anyhow::Result<()> {
         if self.stopped {
             self.take(Step::GoOn)?;
@@ -79,7 +79,7 @@ impl<'a> Service<'a> {
     }
 }
 
-/// Runs the service with this preset and the vehicle with these options and faults, and takes what they publish.
+/// Runs the service with this preset and the vehicle with these options and faults, and records their messages.
 pub(super) fn record(
     options: &SimulationOptions,
     preset: &str,
@@ -184,7 +184,7 @@ impl Progress {
         let same = recording.estimates.iter().rev().find(|estimate| estimate.stamp_ns <= truth.stamp_ns);
         let Some(estimate) = same else { return };
         let error = |quantity: Quantity| quantity.error(&recording.truths, estimate).unwrap_or(0.0);
-        // A dead vehicle has no newer truth; time goes on.
+        // A dead vehicle publishes no newer truth, but the time of the run continues.
         let elapsed_ns = since_start_ns.unwrap_or(truth.stamp_ns - first.stamp_ns);
         let active = faults.iter().filter(|fault| fault.span.contains_ns(elapsed_ns));
         let active: Vec<&str> = active.map(|fault| fault.kind.name()).collect();

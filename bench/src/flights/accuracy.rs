@@ -52,7 +52,7 @@ impl Flight {
         Ok(Self { samples, half, coast_s })
     }
 
-    /// The first half as a flight of its own, judged after the first seconds.
+    /// The first half as a flight of its own, evaluated after the first seconds.
     pub(crate) fn first_half(&self) -> anyhow::Result<Self> {
         let mut first = Self::new(self.samples[..self.half].to_vec(), self.coast_s)?;
         let learned_in_ns = first.samples[0].stamp_ns + (LEARN_IN_S * 1e9) as u64;
@@ -87,7 +87,7 @@ impl Flight {
     }
 }
 
-/// What is compared: it takes samples, and predicts the velocity at a later instant.
+/// An estimator that is compared: it takes samples, and predicts the velocity at a later instant.
 pub(crate) trait Estimator: Clone {
     /// The prediction for this stamp, before the sample of the same stamp is taken.
     fn predict(&mut self, stamp_ns: u64) -> Vector3<f64>;
@@ -157,7 +157,7 @@ pub(crate) struct Accuracy {
     pub(crate) coasts: Vec<Path>,
 }
 
-/// What is known of an estimator's errors at one instant.
+/// The errors of an estimator at one instant.
 pub(crate) enum Finding {
     /// The prediction of this sample, before it was taken, minus its measurement (m/s).
     NextSample(Vector3<f64>),

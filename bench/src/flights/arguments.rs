@@ -29,7 +29,7 @@ pub(crate) struct FlightArguments {
     coast_s: f64,
 }
 
-/// A flight that can be flown again, and with what.
+/// A recorded flight, and the configuration for its replay.
 pub(crate) struct Replay {
     pub(crate) config: ConfigFile,
     pub(crate) flight: Flight,
@@ -46,7 +46,7 @@ impl FlightArguments {
     /// Reads both. Of the flight only the part in the air is used, if its format marks it.
     ///
     /// # Errors
-    /// What cannot be read, or is too short.
+    /// A file that cannot be read, or a flight that is too short.
     pub(crate) fn read(&self) -> anyhow::Result<Replay> {
         let importer = self.import.importer()?;
         let config = match (&self.config, &self.preset, importer.name()) {

@@ -8,7 +8,7 @@ use serde::Serialize;
 use shared_types::{logln, outln};
 use std::path::Path;
 
-/// What `--json` prints.
+/// The document of `--json`.
 #[derive(Debug, Serialize)]
 struct Document {
     file: String,
@@ -17,7 +17,7 @@ struct Document {
     sessions: Vec<SessionReport>,
 }
 
-/// Replays the record and prints what was found; an estimate that differs is a failure.
+/// Replays the record and prints the result; an estimate that differs is a failure.
 pub(crate) fn run(file: &Path, json: bool) -> anyhow::Result<()> {
     let name = file.display().to_string();
     let mut reader = Reader::open(file).with_context(|| name.clone())?;

@@ -51,7 +51,7 @@ struct Row {
     whole_flight_coast_q_n2_s: Option<f64>,
 }
 
-/// What `--json` prints.
+/// The document of `--json`.
 #[derive(Debug, Serialize)]
 struct Document {
     file: String,

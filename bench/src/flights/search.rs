@@ -32,16 +32,16 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 const N_BLOCKS: usize = 3;
 /// The exact solver is used up to this number of centers; no more are tried.
 const MAX_CENTERS: usize = 1000;
-/// What a candidate costs that is refused, or lies outside of the bounds; no real one comes near.
+/// The cost of a candidate that is refused, or lies outside of the bounds. The cost of any other is far lower.
 const REFUSED: f64 = 1e3;
-/// Prices μ of the distance from the start; the last one is hardly ever worth a step.
+/// The values of μ, the price of the distance from the start; with the last one hardly any step pays.
 const PRICES: [f64; 9] = [0.0, 0.001, 0.003, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0];
 /// Factors on λ, Γ, ℓ, the dead zone and the spacing from which the searches start.
 const STARTS: [[f64; 5]; 4] =
     [[1.0; 5], [1.0, 0.1, 1.0, 1.0, 1.0], [2.0, 1.0, 2.0, 0.5, 1.0], [0.5, 0.2, 0.5, 1.0, 1.0]];
 /// Errors below this count as this (m/s).
 const MIN_ERROR_M_S: f64 = 1e-6;
-/// A search that panics ends the program.
+/// A panic in a search ends the program.
 const UNPOISONED: &str = "no search panicked";
 /// Edge of the first simplex, as a factor.
 const EDGE: f64 = 1.6;
@@ -80,7 +80,7 @@ pub(super) struct Search<'a> {
     bar: &'a ProgressBar,
 }
 
-/// What a search chose.
+/// The result of a search.
 pub(super) struct Chosen {
     pub(super) values: Values,
     pub(super) config: ConfigFile,
@@ -320,7 +320,7 @@ impl<'a> Search<'a> {
     }
 }
 
-/// What argmin takes by value.
+/// The cost function that argmin takes by value.
 struct Shared<'a, 'b>(&'a Search<'b>);
 
 impl CostFunction for Shared<'_, '_> {

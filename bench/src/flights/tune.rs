@@ -43,7 +43,7 @@ struct Errors {
     coast_rms_m_s: f64,
 }
 
-/// What `--json` prints.
+/// The document of `--json`.
 #[derive(Debug, Serialize)]
 struct Document {
     file: String,
@@ -59,7 +59,7 @@ struct Document {
     price: f64,
     /// exp J of each block, by the candidate that is chosen on the other blocks; 1 is the start.
     cross_validated_ratio: f64,
-    /// Of the second half, which the search never saw: before, after.
+    /// Of the second half, which the search does not use: before, after.
     second_half: [Errors; 2],
     /// The best of each of a Kalman filter's columns there.
     kalman_second_half: Errors,

@@ -33,12 +33,12 @@ impl MovingVehicle {
     }
 }
 
-/// What an estimate's stamps say about the way it took.
+/// The times of an exchange, from the estimate's stamps.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Reply {
-    /// Sequence of the sample that it holds.
+    /// Sequence of the sample that it contains.
     pub(crate) source_sequence: u64,
-    /// When the other side had the sample in its hands (ns).
+    /// When the other side had taken the sample (ns).
     pub(crate) taken_stamp_ns: u64,
     /// When the other side sent the estimate (ns).
     pub(crate) publish_stamp_ns: u64,
@@ -54,7 +54,7 @@ impl From<&Estimate> for Reply {
     }
 }
 
-/// A way for samples out and for estimates back.
+/// A connection for samples and estimates.
 pub(crate) trait Exchange {
     /// Sends a sample.
     fn send(&mut self, sample: &Measurement) -> anyhow::Result<()>;
@@ -62,7 +62,7 @@ pub(crate) trait Exchange {
     fn poll(&mut self) -> anyhow::Result<Option<Reply>>;
 }
 
-/// Through the service, with its own client.
+/// An exchange through the service, with its client.
 pub(crate) struct ServiceExchange {
     samples: MeasurementPublisher,
     estimates: Stream<Estimate>,
@@ -85,7 +85,7 @@ impl Exchange for ServiceExchange {
     }
 }
 
-/// One sample's way: from its stamp into the other side's hands, there, and back.
+/// The parts of one exchange: from the sample's stamp to the other side, the time there, and back.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Trip {
     pub(crate) there_ns: u64,
@@ -94,10 +94,10 @@ pub(crate) struct Trip {
     pub(crate) whole_ns: u64,
 }
 
-/// A look costs some 100 ns, so the clock of the deadline is read every few microseconds.
+/// A poll costs about 100 ns, so the clock of the deadline is read every few microseconds.
 const LOOKS_BETWEEN_CLOCKS: usize = 64;
 
-/// Sends the vehicle's next sample and polls for the estimate that holds it; `None` where none came in time.
+/// Sends the vehicle's next sample and polls for the estimate that contains it; `None` if none arrives in time.
 pub(crate) fn round_trip(
     exchange: &mut impl Exchange,
     vehicle: &mut MovingVehicle,
@@ -139,12 +139,12 @@ pub(crate) fn connect(exchange: &mut impl Exchange, vehicle: &mut MovingVehicle)
     )
 }
 
-/// What came back of a service.
+/// The result of driving a service.
 #[derive(Debug, Default)]
 pub(crate) struct Seen {
     /// Sample's stamp to the estimate's arrival (ns).
     pub(crate) source_to_estimate_ns: Vec<u64>,
-    /// Samples whose estimate did not come within two periods.
+    /// Samples whose estimate did not arrive within two periods.
     pub(crate) unanswered: u64,
     /// Samples that were due while the estimate before was still awaited, and not sent.
     pub(crate) skipped: u64,

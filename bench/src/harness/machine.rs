@@ -6,7 +6,7 @@ use rustix::thread::sched_getcpu;
 use serde::Serialize;
 use shared_types::outln;
 
-/// What the figures depend on.
+/// The machine, as far as figures depend on it.
 #[derive(Debug, Serialize)]
 pub(crate) struct Machine {
     cpu: String,
@@ -25,7 +25,7 @@ pub(crate) struct Machine {
 }
 
 impl Machine {
-    /// Pins the thread to the core it runs on, then looks around.
+    /// Pins the thread to its present core, and collects the facts.
     pub(crate) fn found() -> Self {
         // Before pinning, which would leave one.
         let cores = std::thread::available_parallelism().map_or(1, usize::from);

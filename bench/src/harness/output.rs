@@ -38,7 +38,7 @@ pub(crate) fn microseconds(ns: u64) -> String {
     three_digits(ns as f64 * 1e-3)
 }
 
-/// Prints one JSON document, or what `print` prints.
+/// Prints one JSON document, or calls `print`.
 pub(crate) fn show(json: bool, document: &impl Serialize, print: impl FnOnce()) -> anyhow::Result<()> {
     match json {
         true => outln!("{}", serde_json::to_string_pretty(document)?),

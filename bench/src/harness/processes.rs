@@ -20,7 +20,7 @@ use tempfile::NamedTempFile;
 /// How long a process may take to answer.
 pub(crate) const PATIENCE: Duration = Duration::from_secs(10);
 
-/// Set by Ctrl-C and its like, from now on: a measurement ends early, in order.
+/// A flag that Ctrl-C and similar signals set from now on, so that a measurement ends early and in order.
 pub(crate) fn stop_flag() -> anyhow::Result<Arc<AtomicBool>> {
     let stop = Arc::new(AtomicBool::new(false));
     for signal in [SIGINT, SIGTERM, SIGHUP] {
@@ -128,7 +128,7 @@ impl Child {
             .args(arguments)
             .arg("--root")
             .arg(domain.domain().root())
-            // What is learned in a measurement is not kept.
+            // A measurement saves no snapshots.
             .env("OBSERVER_STATE", "none")
             .stdin(Stdio::null())
             .stdout(output.try_clone()?)
@@ -206,7 +206,7 @@ impl Child {
         read_all(&mut self.output)
     }
 
-    /// What it logged so far.
+    /// Its log so far.
     pub(crate) fn log(&self) -> String {
         let log = self.log.try_clone().map_err(anyhow::Error::from).and_then(|mut log| read_all(&mut log));
         format!("{}: {}", self.name, log.unwrap_or_default().trim_end())

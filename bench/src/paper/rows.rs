@@ -32,7 +32,7 @@ pub struct Motion {
     pub rate: Vector3<f64>,
 }
 
-/// What was so at one sample, what was estimated, and what the observer made of it.
+/// Truth, estimate and the observer's quantities at one sample.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Row {
     /// t_j (s).
@@ -93,7 +93,7 @@ pub fn columns(example: Example) -> Vec<&'static str> {
 
 /// Writes the rows as comma-separated values under one line of names.
 ///
-/// Every number has the digits that bring the same f64 back, and no more.
+/// Every number has the fewest digits that read back as the same f64.
 ///
 /// # Errors
 /// The file cannot be written.

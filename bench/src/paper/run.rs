@@ -24,7 +24,7 @@ use sim_publisher::plant::{State, Wrench, integrate, integrate_under};
 use sim_publisher::scenario::Definition;
 use std::f64::consts::PI;
 
-/// A run and what its rows do not show.
+/// A run: its rows, and counts that they do not show.
 #[derive(Debug, Clone)]
 pub struct Run {
     /// One for each sample.
@@ -149,7 +149,7 @@ impl Example {
     }
 }
 
-/// What is integrated from the rate.
+/// The pose that is integrated from the rate.
 #[derive(Clone, Copy)]
 enum Pose {
     /// Inertial (m).

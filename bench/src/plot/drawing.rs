@@ -59,7 +59,7 @@ const FRAME: &str = "#5a5a5a";
 const GRID: &str = "#e0e0e0";
 const MINOR_GRID: &str = "#f0f0f0";
 
-/// Whether a figure can be written to this file: to be asked before a long measurement.
+/// Checks that a figure can be written to this file. Call it before a long measurement.
 ///
 /// # Errors
 /// An extension other than `.svg`, or a directory that does not exist.

@@ -72,20 +72,20 @@ impl Line {
     }
 }
 
-/// What a curve stands for. The styles differ in black and white too.
+/// The meaning of a curve. The styles differ in black and white too.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum LineStyle {
     /// The true value: solid, thick, gray, underneath the others.
     Truth,
-    /// What is judged: thin and coloured, on top; the first of a panel solid, then dashed, then dash-dotted.
+    /// The estimate that is evaluated: thin and coloured, on top; the first of a panel solid, then dashed, then dash-dotted.
     Estimate,
-    /// What it is judged against: dotted and light, with hollow markers.
+    /// The reference that it is compared with: dotted and light, with hollow markers.
     Comparison,
-    /// A bound or a slope to hold the curves against: a thin dashed line.
+    /// A bound or a slope to compare the curves with: a thin dashed line.
     Guide,
 }
 
-/// A stretch of the x axis in which something was different.
+/// A shaded part of the x axis, for example an outage.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Shade {
     pub(crate) from: f64,

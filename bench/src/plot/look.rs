@@ -61,7 +61,7 @@ pub(super) fn looks(lines: &[Line]) -> Vec<Look> {
     lines.iter().enumerate().map(|(i, line)| look(line.style, of_same_style(i))).collect()
 }
 
-/// What has a higher number is drawn later and lies on top.
+/// A line with a higher number is drawn later, on top of the others.
 pub(super) fn layer(style: LineStyle) -> u8 {
     match style {
         LineStyle::Guide => 0,

@@ -5,7 +5,7 @@ use super::subject::Solver;
 use crate::plot::{Figure, Line, LineStyle, Panel};
 use std::path::Path;
 
-/// Draws all contestants, with N and N² to hold them against.
+/// Draws all contestants, with the slopes N and N² for comparison.
 pub(super) fn draw(file: &Path, rows: &[Row]) -> anyhow::Result<()> {
     let mut rows: Vec<&Row> = rows.iter().collect();
     rows.sort_by_key(|row| row.n_centers);

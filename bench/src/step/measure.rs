@@ -23,7 +23,7 @@ const MIN_ROUNDS: usize = 10;
 const BATCH_NS: u64 = 10_000_000;
 /// Steps at the head of each batch that are not timed: they bring back what the others pushed out of the caches.
 const UNTIMED_STEPS: usize = 3;
-/// Where a step takes longer, its factor is in no cache; one step brings back the rest.
+/// If a step takes longer, its factor is in no cache, and one step reloads the rest.
 const LONG_STEP_NS: u64 = 1_000_000;
 const WARM_UP: Duration = Duration::from_millis(100);
 /// Steps before that, in which the learning ones are counted.
@@ -108,7 +108,7 @@ pub(super) fn measure(
         Err(_) => None,
     };
     let mut kalman = DisturbanceFilter::new();
-    // What the local solver is measured against.
+    // The dense step with which the local solver is compared.
     let mut dense_27 = match subject.solver {
         Solver::Dense => None,
         Solver::Local(_) => Some(Subject::dense(YARDSTICK)?.channel),
@@ -190,7 +190,7 @@ pub(super) fn measure(
     Ok(row)
 }
 
-/// What this thread has used of a core.
+/// The processor time that this thread has used.
 fn cpu_time_s() -> f64 {
     let time = clock_gettime(ClockId::ThreadCPUTime);
     time.tv_sec as f64 + 1e-9 * time.tv_nsec as f64

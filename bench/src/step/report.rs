@@ -35,15 +35,15 @@ pub(super) struct Row {
     /// Of the local solver, relative to f̂.
     pub(super) predicted_error: Option<f64>,
     pub(super) samples: usize,
-    /// Share of the time in which the thread had its core: below 1, figures are of its neighbours too.
+    /// Share of the time in which the thread had its core. Below 1, other processes affect the figures.
     pub(super) core_share: f64,
     /// At [`QUANTILES`].
     pub(super) quantiles_ns: [u64; QUANTILES.len()],
     /// Share of the first steps that learned.
     pub(super) dead_zone_open: f64,
-    /// What the memory was read at, in turns with our steps.
+    /// The speed at which the memory was read, in turns with our steps.
     pub(super) memory_gb_per_s: f64,
-    /// Or why it was not run; so for the others.
+    /// The reason why it was not run, if it was not; likewise for the others.
     pub(super) literal: Result<Rival, String>,
     /// Largest difference between our force and the literal one, relative to the force.
     pub(super) literal_force_difference: Option<f64>,
@@ -52,7 +52,7 @@ pub(super) struct Row {
     pub(super) yardstick: Option<Rival>,
 }
 
-/// Centers of the dense step that the local solver is measured against: the paper's.
+/// Centers of the dense step with which the local solver is compared: those of the paper.
 pub(super) const YARDSTICK: usize = 27;
 
 impl Row {
@@ -64,7 +64,7 @@ impl Row {
         self.quantiles_ns[P99] as f64
     }
 
-    /// Theirs over ours.
+    /// The ratio of another contestant's time to ours.
     fn ratio(&self, rival: &Rival) -> f64 {
         rival.median_ns as f64 / self.median_ns()
     }
@@ -176,7 +176,7 @@ pub(super) fn print(machine: &Machine, rows: &[Row]) {
 /// Below this share of its core, the thread was disturbed.
 const MIN_CORE_SHARE: f64 = 0.97;
 
-/// What the rows say, a sentence each.
+/// The findings from the rows, one sentence each.
 fn findings(rows: &[Row]) -> Vec<String> {
     let mut findings = Vec::new();
     findings.extend(dense_findings(rows));
@@ -227,7 +227,7 @@ fn dense_findings(rows: &[Row]) -> Vec<String> {
     findings
 }
 
-/// How the local steps grow, and what they are beside the dense one that took turns with them.
+/// How the local steps grow, and their ratio to the dense step that took turns with them.
 fn local_findings(rows: &[Row]) -> Vec<String> {
     let of_block = |solver: Solver| {
         let mut rows: Vec<_> = rows.iter().filter(|row| row.solver == solver).collect();

@@ -35,7 +35,7 @@ impl Display for Solver {
     }
 }
 
-/// A channel to be measured, and what its row says of it.
+/// A channel to be measured, and the description for its row.
 pub(super) struct Subject {
     pub(super) solver: Solver,
     pub(super) n_centers: usize,

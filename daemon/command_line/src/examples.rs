@@ -7,7 +7,7 @@ const HEADING: &str = "Examples:";
 /// Lines of a help must fit into a terminal of this width.
 const COLUMNS: usize = 80;
 
-/// What is wrong with a program's help; empty if nothing is.
+/// The faults of a program's help; empty if there are none.
 ///
 /// Every command and every option must have a text. Every command's help must end in a section `Examples:`, fit into
 /// 80 columns, and each example that begins with the program's name must be accepted by the program, as that command; at

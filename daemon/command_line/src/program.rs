@@ -7,13 +7,13 @@ use std::ffi::{OsStr, OsString};
 use std::path::Path;
 use std::process::ExitCode;
 
-/// What the build says of itself, if it was set: a commit, for example.
+/// The description of the build, if it was set: a commit, for example.
 const BUILD: Option<&str> = option_env!("OBSERVER_BUILD");
 
 /// Reads a program's arguments, its name first.
 ///
 /// # Errors
-/// The code to end with, where nothing is left to do: after help, version, completions and man pages (0), a message
+/// The exit code, if nothing is left to do: after help, version, completions and man pages (0), a message
 /// about wrong usage (2), or a file that cannot be written (1).
 pub fn parse<P: Parser>(args: impl IntoIterator<Item = OsString>) -> Result<P, ExitCode> {
     let args: Vec<OsString> = args.into_iter().collect();

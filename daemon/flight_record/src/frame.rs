@@ -42,7 +42,7 @@ pub enum Entry {
     Missing(u64),
 }
 
-/// What a session begins with: all that its ticks depend on.
+/// The beginning of a session: everything that its ticks depend on.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Session {
     /// Version of the program that wrote it.
@@ -57,12 +57,12 @@ pub struct Session {
     pub checkpoint: Option<Vec<u8>>,
 }
 
-/// What a file consists of.
+/// The parts of a file.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub enum Frame {
     /// The service started.
     Session(Box<Session>),
-    /// Something happened in it.
+    /// An event of the session.
     Entry(Box<Entry>),
 }
 

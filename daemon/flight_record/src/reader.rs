@@ -72,7 +72,7 @@ impl<R: Read + Seek> Reader<R> {
         if sum.len() < 4 || length > MAX_FRAME_BYTES {
             return Ok(None);
         }
-        // Read as it comes, and not reserved: a damaged length asks for anything.
+        // Memory grows with the bytes that are read and is not reserved, since a damaged length may be anything.
         let mut bytes = Vec::new();
         self.input.by_ref().take(length).read_to_end(&mut bytes)?;
         if bytes.len() as u64 != length || crc32fast::hash(&bytes).to_le_bytes() != sum {
@@ -85,7 +85,7 @@ impl<R: Read + Seek> Reader<R> {
         Ok(frame)
     }
 
-    /// Goes on at the first mark after the start of what is no frame, or at the end.
+    /// Continues at the first mark after the start of the torn frame, or at the end.
     fn skip_to_mark(&mut self) -> io::Result<()> {
         let from = self.position;
         self.position = self.input.seek(SeekFrom::Start(from + 1))?;

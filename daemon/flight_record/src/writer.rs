@@ -34,7 +34,7 @@ impl Writer {
     /// Adds an entry to the session.
     ///
     /// # Errors
-    /// The system's reason. What is written afterwards stands behind half a frame, where no reader finds it.
+    /// The system's reason. Later frames would follow half a frame, so a reader would not find them.
     pub fn push(&mut self, entry: &Entry) -> io::Result<()> {
         self.write(&FrameRef::Entry(entry))
     }

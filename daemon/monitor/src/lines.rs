@@ -40,7 +40,7 @@ struct Document<'a> {
 /// Prints the status and the newest estimate once: as text, or as one JSON document.
 ///
 /// # Errors
-/// Why no estimate or status comes within 5 s; a service that will never fit.
+/// The reason why no estimate or status arrives within 5 s; a service of another version.
 pub fn once(domain: &Domain, instance: &str, whence: Whence, json: bool) -> anyhow::Result<()> {
     let mut model = Model::new(instance);
     let mut link = Link::new(domain.clone(), instance, whence, monotonic_ns());
@@ -79,7 +79,7 @@ pub fn once(domain: &Domain, instance: &str, whence: Whence, json: bool) -> anyh
 /// Prints each estimate as a line of JSON, until `stop` or `count` lines.
 ///
 /// # Errors
-/// A service that will never fit; an output that is closed.
+/// A service of another version; an output that is closed.
 pub fn lines(
     domain: &Domain,
     instance: &str,

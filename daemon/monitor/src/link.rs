@@ -33,7 +33,7 @@ pub enum Whence {
     AnotherMachine,
 }
 
-/// What a look has brought.
+/// A message or event that was received.
 #[derive(Debug, Clone, PartialEq)]
 #[allow(clippy::large_enum_variant)] // passed on one by one, never stored in a collection
 pub enum News {
@@ -45,11 +45,11 @@ pub enum News {
     Status(Status),
     /// The true state, where a simulator publishes it.
     Truth(Truth),
-    /// What the clock of the service's machine shows, where that is another one.
+    /// The time of the service's machine, if it is another machine.
     Clock(SenderClock),
-    /// The service's machine was started anew: what was heard before has stamps of another clock.
+    /// The service's machine was restarted: earlier messages have stamps of another clock.
     Rebooted,
-    /// No estimate comes.
+    /// No estimate arrives.
     Away {
         /// CLOCK_MONOTONIC of the service's machine at the newest estimate, or at the first look (ns).
         since_ns: u64,
@@ -65,7 +65,7 @@ pub struct Announcer {
 }
 
 impl Announcer {
-    /// Logs what is new in this.
+    /// Logs the changes.
     pub fn note(&mut self, news: &News) {
         match news {
             News::Away { why, .. } if self.why_away.as_ref() != Some(why) => {
@@ -110,7 +110,7 @@ pub struct Link {
 }
 
 impl Link {
-    /// A reader that has not looked yet.
+    /// A reader before its first look.
     pub fn new(domain: Domain, instance: &str, whence: Whence, now_ns: u64) -> Self {
         Self {
             domain,
@@ -136,8 +136,7 @@ impl Link {
     /// Passes on what has arrived. At most twice a second, reports that no estimate comes, and why.
     ///
     /// # Errors
-    /// `Service` where what exists will never fit, as long as it is there: another type, another owner. The next
-    /// look tries again.
+    /// `Service` if the existing service cannot be opened: another type, another owner. The next look tries again.
     pub fn look(&mut self, now_ns: u64, news: impl FnMut(News)) -> Result<(), ClientError> {
         let looked = self.open_if_due(now_ns).and_then(|()| self.take(now_ns, news));
         if looked.is_err() {

@@ -22,7 +22,7 @@ use foxglove::{Encode, FoxgloveError, Schema};
 use shared_types::payload::{Counters, Estimate, Measurement};
 use shared_types::table::{Field, Kind, Message, Payload, Scalar, Table, Value};
 
-/// A payload on its way into a recording.
+/// A payload that is being written to a recording.
 #[derive(Debug, Clone, Copy)]
 pub struct Recorded<T>(pub T);
 
@@ -188,7 +188,7 @@ fn type_of(scalar: Scalar) -> Type {
     }
 }
 
-/// Writes the fields that `has` says, from this number on; returns the number after the last one.
+/// Writes the fields for which `has` is true, from this number on; returns the number after the last one.
 fn write_message(message: &dyn Message, first: u64, has: &dyn Fn(&Field) -> bool, out: &mut Vec<u8>) -> u64 {
     let mut number = first;
     for (i, field) in message.table().fields.iter().enumerate() {

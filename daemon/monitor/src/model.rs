@@ -138,11 +138,11 @@ fn vectors() -> Vec<Vector> {
 /// Where the service is.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Presence {
-    /// Nothing was heard yet.
+    /// No message has arrived yet.
     Unknown,
-    /// Estimates come.
+    /// Estimates arrive.
     Here,
-    /// None comes.
+    /// No estimates arrive.
     Away {
         /// CLOCK_MONOTONIC of the service's machine at the newest estimate, or at the first look (ns).
         since_ns: u64,
@@ -151,10 +151,10 @@ pub enum Presence {
     },
 }
 
-/// All that a view shows.
+/// Everything that a view shows.
 #[derive(Debug, Clone)]
 pub struct Model {
-    /// Whose.
+    /// The instance.
     pub instance: String,
     /// The newest estimate of all time.
     pub estimate: Option<Estimate>,
@@ -164,7 +164,7 @@ pub struct Model {
     pub clock: SenderClock,
     /// Where the service is.
     pub presence: Presence,
-    /// How often the service was seen to start anew.
+    /// How many restarts of the service were observed.
     pub restarts: u64,
     /// State and learned force over time.
     pub vectors: Vec<Vector>,
@@ -320,7 +320,7 @@ impl Model {
         Some(now_ns.saturating_sub(self.estimate?.publish_stamp_ns))
     }
 
-    /// Whether an operator has frozen adaptation, by what was heard last.
+    /// Whether an operator has frozen adaptation, by the newest message.
     pub fn is_frozen(&self) -> bool {
         self.estimate.is_some_and(|estimate| estimate.status & status_bits::FROZEN != 0)
     }

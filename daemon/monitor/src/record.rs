@@ -33,7 +33,7 @@ pub enum Compression {
     None,
 }
 
-/// What to write, and for how long.
+/// What to record, and for how long.
 #[derive(Debug)]
 pub struct Options<'a> {
     /// Where to.
@@ -57,7 +57,7 @@ pub struct Summary {
     pub duration_s: f64,
     /// By topic; topics that say the same in Foxglove's own schemas are not counted.
     pub topics: BTreeMap<String, Tally>,
-    /// Messages that the disk was too slow for.
+    /// Messages that were lost because the disk was too slow.
     pub not_written: u64,
 }
 
@@ -117,7 +117,7 @@ impl Seek for Recording {
 /// Records until `stop`, or the end of the duration.
 ///
 /// # Errors
-/// A file that is there already, or cannot be written; a service that will never fit.
+/// A file that exists already or cannot be written; a service of another version.
 pub fn record(
     domain: &Domain,
     instance: &str,
@@ -204,7 +204,7 @@ impl Queue {
     }
 }
 
-/// Writes what comes, until its end; returns the file's size and what passed.
+/// Writes messages until the queue ends; returns the file's size and the counts by topic.
 fn write_all(
     file: File,
     compression: Compression,

@@ -14,7 +14,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 /// Serves until `stop`, or the end of the duration.
 ///
 /// # Errors
-/// An address that cannot be listened on; a service that will never fit.
+/// An address that cannot be listened on; a service of another version.
 pub fn serve(
     domain: &Domain,
     instance: &str,

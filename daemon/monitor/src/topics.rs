@@ -53,10 +53,10 @@ impl WallClock {
     }
 }
 
-/// What passed on one topic.
+/// Counts of one topic.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize)]
 pub struct Tally {
-    /// Messages that came.
+    /// Messages received.
     pub messages: u64,
     /// Gaps in their sequence: what the source left out, and what was overwritten before it was taken.
     pub missing: u64,
@@ -143,7 +143,7 @@ pub struct Topics {
 }
 
 impl Topics {
-    /// Channels of `instance` in `context`; nothing is on them yet.
+    /// Channels of `instance` in `context`, without messages.
     pub fn new(context: &Arc<Context>, instance: &str, clock: WallClock) -> Self {
         let name = |topic: &str| format!("/{instance}/{topic}");
         Self {
@@ -167,7 +167,7 @@ impl Topics {
         }
     }
 
-    /// What passed so far, by topic.
+    /// The counts so far, by topic.
     pub fn tallies(&self) -> BTreeMap<String, Tally> {
         let tally = |topic: &str, tally| (format!("/{}/{topic}", self.instance), tally);
         BTreeMap::from([
@@ -178,7 +178,7 @@ impl Topics {
         ])
     }
 
-    /// Puts on the channels what was received at `receipt_ns`.
+    /// Logs to the channels what was received at `receipt_ns`.
     pub fn note(&mut self, news: &News, receipt_ns: u64) {
         match news {
             News::Measurement(sample) => {

@@ -31,7 +31,7 @@ pub fn pip_install(python: &Path, what: &[&str]) -> Result<(), String> {
 /// Tests may ask for one at the same time, from several processes: a lock beside it lets one of them make it.
 ///
 /// # Errors
-/// Why this machine gives none: no Python 3.9, no package index.
+/// The reason why this machine has none: no Python 3.9, no package index.
 pub fn environment(directory: &Path, packages: &[&str]) -> Result<PathBuf, String> {
     let said = |error: std::io::Error| format!("{}: {error}", directory.display());
     std::fs::create_dir_all(directory.parent().unwrap_or(Path::new("."))).map_err(said)?;

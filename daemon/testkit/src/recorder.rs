@@ -9,7 +9,7 @@ use std::sync::{Arc, mpsc};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
-/// What was heard of the instance `vehicle`, by sequence.
+/// The recorded messages of the instance `vehicle`, by sequence.
 #[derive(Debug, Default)]
 pub struct Heard {
     /// Samples of all sources.
@@ -22,7 +22,7 @@ pub struct Heard {
     pub statuses: BTreeMap<u64, Status>,
 }
 
-/// A thread that reads, so that no more waits than the queues hold: 64 samples at least.
+/// A thread that reads often enough that no queue overflows; the shortest holds 64 samples.
 pub struct Recorder {
     stop: Arc<AtomicBool>,
     thread: JoinHandle<Heard>,
@@ -66,7 +66,7 @@ impl Recorder {
         Self { stop, thread }
     }
 
-    /// Ends it; what it has heard.
+    /// Ends it and returns the messages.
     pub fn finish(self) -> Heard {
         self.stop.store(true, Ordering::Relaxed);
         self.thread.join().unwrap()

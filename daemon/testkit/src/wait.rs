@@ -3,7 +3,7 @@
 use std::io::Write as _;
 use std::time::{Duration, Instant};
 
-/// How long a test waits for what must happen before it fails. Generous: a busy machine is no failure.
+/// How long a test waits for a condition before it fails. Long enough for a busy machine.
 pub const PATIENCE: Duration = Duration::from_secs(30);
 
 /// Waits until `test` is true.
@@ -19,7 +19,7 @@ pub fn wait_until(what: &str, mut test: impl FnMut() -> bool) {
     }
 }
 
-/// Says that a test was skipped, and why: past the harness, which swallows what a passed test prints.
+/// Reports that a test was skipped, and why, directly to stderr, since the test harness hides the output of a passed test.
 pub fn skip(what: &str, reason: &str) {
     let _ = writeln!(std::io::stderr(), "skipped: {what}: {reason}");
 }

@@ -79,7 +79,7 @@ shared_types::constants! {
     }
 }
 
-/// A failed call: what C sees, and what the text says.
+/// A failed call: the result for C, and the text of the error.
 struct Failure {
     result: CallResult,
     text: String,
@@ -154,7 +154,7 @@ fn guarded(call: impl FnOnce() -> Result<CallResult, Failure>) -> CallResult {
 #[cold]
 fn failed(Failure { result, text }: Failure) -> CallResult {
     let text = CString::new(text.replace('\0', " ")).unwrap_or_default();
-    // A thread that is ending has no place for it any more.
+    // A thread that is ending cannot store it any more.
     let _ = ERROR_TEXT.try_with(|kept| kept.replace(text));
     result
 }
@@ -165,7 +165,7 @@ fn words_of(panic: &(dyn Any + Send)) -> String {
     format!("a defect of the library: {words}; close the handle, and please report it")
 }
 
-/// What this thread has opened, to change it.
+/// The connections of this thread, to change them.
 fn opened<T>(change: impl FnOnce(&mut Opened) -> Result<T, Failure>) -> Result<T, Failure> {
     let misused = |text: &str| Failure { result: CallResult::BadHandle, text: text.into() };
     let found = OPENED.try_with(|opened| match opened.try_borrow_mut() {
@@ -226,7 +226,7 @@ unsafe fn input<'a, T>(pointer: *const T, name: &str) -> Result<&'a T, Failure> 
     Ok(unsafe { &*pointer })
 }
 
-/// Where the caller wants a result; what is there now may be anything.
+/// The caller's memory for a result; its present contents may be anything.
 ///
 /// # Safety
 /// `pointer`, if neither null nor misaligned, points to memory of a `T` that nothing else uses during the call.
@@ -507,7 +507,7 @@ mod tests {
         // SAFETY: never null, ends with a zero, valid until this thread's next failure.
         let text = unsafe { CStr::from_ptr(observer_error_text()) }.to_str().unwrap();
         assert!(text.contains("defect of the library: 3 of 2"), "{text}");
-        // What was open still is: a panic poisons nothing.
+        // Open handles stay open after a panic.
         assert_eq!(observer_close(Handle { thread: 0, number: 0 }), CallResult::BadHandle);
     }
 }

@@ -11,7 +11,7 @@ use std::io;
 use std::os::unix::fs::PermissionsExt;
 use std::path::PathBuf;
 
-/// What is in a domain that should not be.
+/// What dead processes have left in a domain.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Leftovers {
     /// Services and segments whose maker died before they were finished.
@@ -27,7 +27,7 @@ pub struct Leftovers {
 }
 
 impl Leftovers {
-    /// Whether all there is belongs to living processes.
+    /// Whether everything belongs to living processes.
     pub fn is_clean(&self) -> bool {
         let none = self.half_made.is_empty() && self.dead_pids.is_empty() && self.dead_claims.is_empty();
         none && (self.living > 0 || self.files == 0)
@@ -35,7 +35,7 @@ impl Leftovers {
 }
 
 impl Domain {
-    /// What dead processes left behind, and how many living ones there are; removes nothing, makes nothing.
+    /// Finds what dead processes have left, and counts the living ones; removes nothing, makes nothing.
     ///
     /// # Errors
     /// `Locked` where another process makes something meanwhile, `Io` where a directory cannot be read.

@@ -89,7 +89,7 @@ impl Domain {
         if !self.root().exists() {
             return Ok(None);
         }
-        // Under the domain's lock, so that a service which claims its name now does not meet our look at it.
+        // Under the domain's lock, so that a service that claims its name now is not disturbed by this check.
         let _making = self.lock_for_making()?;
         let claim = self.root().join(format!("{instance}{CLAIM_SUFFIX}"));
         let Some(mut file) = open_lock_file(&claim, false)? else { return Ok(None) };
@@ -158,7 +158,7 @@ impl Domain {
 pub(crate) fn open_lock_file(path: &Path, create: bool) -> Result<Option<File>, DomainError> {
     let mut options = OpenOptions::new();
     options.read(true).write(true).create(create).truncate(false).mode(0o600);
-    // No link is followed, and a pipe in its place does not make us wait.
+    // Links are not followed, and a pipe in its place does not block.
     options.custom_flags((OFlags::NOFOLLOW | OFlags::NONBLOCK).bits() as i32);
     let file = match options.open(path) {
         Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(None),
@@ -172,7 +172,7 @@ pub(crate) fn open_lock_file(path: &Path, create: bool) -> Result<Option<File>, 
         return Err(foreign(path, &described(path)));
     }
     if metadata.permissions().mode() & 0o777 != 0o600 {
-        // The umask took a bit that the next one to open it needs.
+        // The umask has removed a bit that the next process needs to open it.
         file.set_permissions(fs::Permissions::from_mode(0o600)).map_err(io_error("close to others", path))?;
     }
     Ok(Some(file))

@@ -10,7 +10,7 @@ use std::io::Write;
 use std::os::unix::fs::{DirBuilderExt, MetadataExt, OpenOptionsExt, PermissionsExt};
 
 impl Domain {
-    /// Refuses what another user planted where the domain's segments lie: /dev/shm is everyone's.
+    /// Refuses files of other users among the domain's segments, since every user may write to /dev/shm.
     ///
     /// # Errors
     /// `Foreign` with the first such file.
@@ -22,8 +22,8 @@ impl Domain {
     }
 
     /// iceoryx2 0.10.0 opens one segment to everyone, the count of nodes (`enable_global_access` in its
-    /// `node/global_management_segment.rs`). A process that has it open could cut it short while we read it: so a copy
-    /// of the owner's alone takes its place. Call it under the domain's lock; no node is being made then, and
+    /// `node/global_management_segment.rs`). A process that has it open could truncate it while this process reads it. Therefore a
+    /// copy that only the owner can open replaces it. Call it under the domain's lock; no node is being made then, and
     /// only that maps it.
     pub fn close_segments_to_others(&self) -> Result<(), DomainError> {
         for segment in self.segments()? {
@@ -44,11 +44,11 @@ impl Domain {
         Ok(())
     }
 
-    /// Makes the root path if it is missing, and sees to it that it is this user's alone.
+    /// Makes the root path if it is missing, and ensures that only this user has access.
     pub(crate) fn make_root(&self) -> Result<(), DomainError> {
         self.check_directories_above()?;
         let made = fs::DirBuilder::new().recursive(true).mode(0o700).create(self.root());
-        // What is there instead of a directory, and whose it is, says more than why none could be made.
+        // The existing file and its owner explain more than the system's reason.
         let metadata = match fs::symlink_metadata(self.root()) {
             Ok(metadata) => metadata,
             Err(error) => return Err(io_error("create directory", self.root())(made.err().unwrap_or(error))),

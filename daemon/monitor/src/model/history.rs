@@ -17,7 +17,7 @@ pub struct History {
 }
 
 impl History {
-    /// Notes a value at an instant. One that is older than the newest bucket is left out.
+    /// Adds a value at an instant. A value older than the newest bucket is left out.
     pub fn note(&mut self, at_ns: u64, value: f64) {
         self.go_on_to(at_ns / BUCKET_NS);
         if at_ns / BUCKET_NS == self.bucket && value.is_finite() {
@@ -60,7 +60,7 @@ impl History {
     }
 }
 
-/// How often a latency fell where, from 1 µs to 10 s, eight bins to a decade; what lies outside is in the end bins.
+/// A histogram of latencies from 1 µs to 10 s, with eight bins per decade. Values outside are in the end bins.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Histogram {
     /// Values in each bin.

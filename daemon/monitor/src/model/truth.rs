@@ -27,7 +27,7 @@ pub struct TruthError {
     pub torque_n_m: f64,
 }
 
-/// Compares estimates with the truth at their own instants, as both come.
+/// Compares estimates with the truth at their own instants, as both arrive.
 #[derive(Debug, Clone, Default)]
 pub struct Comparison {
     pending: VecDeque<Estimate>,

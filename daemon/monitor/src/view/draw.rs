@@ -93,7 +93,7 @@ fn draw_small(frame: &mut Frame<'_>, model: &Model, view: &View, now: Now) {
     draw_bottom(frame, model, view, &format!("  {}×{} shows all", WHOLE.0, WHOLE.1));
 }
 
-/// How the lines are shared out.
+/// How the lines are distributed.
 struct Plan {
     parts: Vec<Part>,
     /// There are parts on other pages.
@@ -105,7 +105,7 @@ struct Plan {
 }
 
 impl Plan {
-    /// The least lines come first; what is left over goes to gaps, then to taller traces, then to notes.
+    /// Each part gets its least number of lines first. The remaining lines go to gaps, then to taller traces, then to notes.
     fn of(model: &Model, view: &View, area: Rect) -> Self {
         let all = model.parts();
         let samples = sample_lines(model, view.theme, usize::from(area.width), 3).len().max(2);

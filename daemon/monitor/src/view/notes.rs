@@ -11,7 +11,7 @@ use shared_types::payload::{real_time, restored, status_bits as bits};
 /// One note.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Note {
-    /// How bad it is.
+    /// Its severity.
     pub level: Level,
     /// The word of the status, or what it is about.
     pub word: &'static str,
@@ -35,7 +35,7 @@ impl Now {
     }
 }
 
-/// In one line: may one fly on this?
+/// In one line: whether the estimate may be used for flight.
 pub fn verdict(model: &Model, now: Now) -> (Level, String) {
     if let Presence::Away { since_ns, .. } = &model.presence {
         let since = now.time_of(*since_ns);

@@ -29,9 +29,9 @@ const READ_EVERY: Duration = Duration::from_millis(10);
 const LISTEN_AT_MOST: Duration = Duration::from_millis(100);
 /// After a key the picture may be drawn earlier than its rate says, but not more often than this.
 const KEY_ECHO: Duration = Duration::from_millis(50);
-/// From a signal to the end, whatever the terminal does.
+/// From a signal to the end of the program, even if the terminal blocks.
 const END_WITHIN: Duration = Duration::from_secs(1);
-/// How long an answer stands.
+/// How long an answer is shown.
 const MESSAGE_SHOWN: Duration = Duration::from_secs(8);
 /// For the service to be found by a command, and to answer it: it may write to a slow disk.
 const CONNECT_PATIENCE: Duration = Duration::from_millis(500);
@@ -202,7 +202,7 @@ impl Screen<'_> {
         Ok(())
     }
 
-    /// Does what the key means; false to quit.
+    /// Handles a key; false to quit.
     fn obey(&mut self, key: KeyEvent) -> bool {
         if key.modifiers.contains(KeyModifiers::CONTROL) {
             return !matches!(key.code, KeyCode::Char('c' | 'd'));

@@ -39,7 +39,7 @@ pub fn heading(model: &Model, theme: Theme, width: usize) -> Line<'static> {
     Line::styled(both_sides(&left, "monitor ", width), theme.title())
 }
 
-/// May one fly on this?
+/// The verdict: whether the estimate may be used for flight.
 pub fn verdict_line(model: &Model, now: Now, theme: Theme, width: usize) -> Line<'static> {
     let (level, text) = verdict(model, now);
     let age = match model.estimate_age_ns(now.monotonic_ns) {
@@ -198,7 +198,7 @@ pub fn trust_lines(model: &Model, parts: &[Part], theme: Theme, width: usize) ->
     lines
 }
 
-/// Samples by fate.
+/// Samples: used, lost, rejected, held back.
 pub fn sample_lines(model: &Model, theme: Theme, width: usize, n_lines: usize) -> Vec<Line<'static>> {
     let title = Span::styled(format!("{:<LABEL$}", " SAMPLES"), theme.title());
     let Some(status) = &model.status else { return vec![Line::from(title)] };
@@ -310,7 +310,7 @@ const SHOWN: [&str; 15] = [
     "ticks not recorded",
 ];
 
-/// What the service was granted, kept and did: a heading and facts, the most needed first.
+/// Facts about the service (real time, snapshots, record): a heading and lines, the most important first.
 pub fn service_lines(model: &Model, theme: Theme) -> Vec<Line<'static>> {
     let mut lines = vec![Line::styled("SERVICE", theme.title())];
     let Some(status) = &model.status else { return lines };
@@ -359,7 +359,7 @@ pub fn service_lines(model: &Model, theme: Theme) -> Vec<Line<'static>> {
         "source    changes {}, commands {}",
         status.counters.source_changes, status.counters.commands
     ));
-    // The counters that no other line shows, as soon as they count.
+    // The counters that no other line shows, once they are not zero.
     for (name, text) in
         status.counters.lines().filter(|(name, text)| text != "0" && !SHOWN.contains(&name.as_str()))
     {

@@ -8,7 +8,7 @@ use crate::view::theme::Theme;
 pub struct View {
     /// Colours or none.
     pub theme: Theme,
-    /// While the picture stands still: the verdict of now, which must not be missed.
+    /// While the picture is paused: the present verdict, which is still shown.
     pub paused: Option<(Level, String)>,
     /// Whether the help covers it.
     pub shows_help: bool,

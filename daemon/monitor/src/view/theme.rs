@@ -3,10 +3,10 @@
 use crate::view::status_words::Level;
 use ratatui::style::{Color, Modifier, Style};
 
-/// How things look.
+/// The style of the view.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Theme {
-    /// Whether colours are used; without, what matters is bold or reversed.
+    /// Whether colours are used; without them, important text is bold or reversed.
     pub is_coloured: bool,
 }
 
