@@ -208,7 +208,7 @@ pub struct InputConfig {
     /// Some periods of the source: shorter than the outage that your vehicle stands, longer than its jitter.
     #[schemars(extend("exclusiveMinimum" = 0.0))]
     pub takeover_after_s: f64,
-    /// What happens to an outlier, an output whose error stands out: "off" uses it, "adaptation" does not learn
+    /// What happens to an outlier, an output with an unusually large error: "off" uses it, "adaptation" does not learn
     /// from it, "correction" does not use it. A change that lasts longer than 10 holds is accepted.
     ///
     /// "off" is the paper's observer. With "correction" a spike does not reach the estimate, and a real jump

@@ -11,7 +11,7 @@ use crate::timeline::{Timeline, TimelineState};
 use nalgebra::{UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
 
-/// One of the three that estimate on their own.
+/// One of the three channels of a vehicle.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum ChannelName {
     /// Position and velocity.
@@ -111,10 +111,10 @@ of_channel!(Translation, BodyState<Position>, 3);
 of_channel!(Rotation, BodyState<Attitude>, 3);
 of_channel!(Linear, LinearState, MAX_OUTPUTS);
 
-/// A channel, whatever its plant and its law.
+/// A channel, independent of its plant and law.
 ///
-/// A checkpoint is the state that [`AnyChannel::save`] returns and the learned numbers, which stay in the channel: a
-/// million of them are not copied out between two deadlines, but only those that have changed are copied inside.
+/// A checkpoint is the state that [`AnyChannel::save`] returns and the learned numbers, which stay in the channel. Copying a
+/// million of them between two deadlines would take too long; only those that have changed are copied, inside the channel.
 pub trait AnyChannel {
     /// Saves what is learned by now as the checkpoint, and returns the state that goes with it. Call it while both are
     /// known to be good. No allocation.
@@ -123,8 +123,8 @@ pub trait AnyChannel {
     /// A copy of what was learned since the last one: dense, N m numbers.
     fn save(&mut self) -> ChannelState;
 
-    /// Puts the learned numbers back to the checkpoint, and the state to the one that was saved with it, from which it
-    /// coasts to now; without one it starts from the next output. No allocation.
+    /// Restores the learned numbers of the checkpoint, and the state that was saved with it, from which the channel coasts
+    /// to the present; without a state it starts from the next output. No allocation.
     fn restore(&mut self, state: Option<&ChannelState>);
 
     /// How many numbers are learned.
@@ -133,19 +133,19 @@ pub trait AnyChannel {
     /// The learned numbers of the checkpoint from `from` on, as many as `into` has room for.
     fn read_saved(&self, from: usize, into: &mut [f64]);
 
-    /// Goes on from the checkpoint of a channel of the same design. With its state, the next step is the same to the bit.
+    /// Continues from the checkpoint of a channel of the same design. With its state, the next step is the same to the bit.
     ///
     /// # Panics
     /// With another count of numbers than [`AnyChannel::n_learned`].
     fn load(&mut self, learned: &[f64], state: Option<&ChannelState>);
 
-    /// Forgets the state, not what was learned: starts again from the next output, whatever its stamp.
+    /// Forgets the state, not what was learned: starts again from the next output, with any stamp.
     fn restart(&mut self);
 
     /// Forgets the state and what was learned; the checkpoint stays until the next one.
     fn forget(&mut self);
 
-    /// From now on outputs are judged by this; at first all are accepted.
+    /// Sets how outliers are detected; before, all outputs are accepted.
     fn set_innovation_gate(&mut self, gate: InnovationGate);
 
     /// What the theorems claim; `None` where the error dynamics are not strictly positive real.

@@ -10,7 +10,7 @@ use crate::space::kernel::Kernel;
 use crate::space::scaled_kernel::{LengthScale, ScaledKernel};
 use nalgebra::{DMatrix, Matrix3, Vector3};
 
-/// Everything that a channel is made of.
+/// The design of a channel.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ChannelDesign {
     /// κ.
@@ -31,7 +31,7 @@ pub struct ChannelDesign {
     pub adaptation_rate: Matrix3<f64>,
     /// σ.
     pub dead_zone: DeadZone,
-    /// What is known of the disturbances.
+    /// Bounds on the disturbances.
     pub bounds: DisturbanceBounds,
     /// An output is held for at most this long (s); then the channel coasts. Also the longest step of the
     /// law, for which its stability is checked.
@@ -51,7 +51,7 @@ pub struct TranslationDesign {
     pub velocity_error_to_position: f64,
     /// L_p ≥ 0 (1/s): how fast the position follows fixes; 0 ignores all but the first.
     pub position_fix_gain_per_s: f64,
-    /// How long a position fix keeps correcting (s).
+    /// How long a position fix is used (s).
     pub position_fix_hold_s: f64,
 }
 
@@ -64,7 +64,7 @@ pub struct RotationDesign {
     pub gyroscopic_torque: GyroscopicTorque,
     /// L_q ≥ 0 (1/s): how fast the attitude follows fixes; 0 ignores all but the first.
     pub attitude_fix_gain_per_s: f64,
-    /// How long an attitude fix keeps correcting (s).
+    /// How long an attitude fix is used (s).
     pub attitude_fix_hold_s: f64,
 }
 
@@ -77,7 +77,7 @@ pub enum GyroscopicTorque {
     Feedforward,
 }
 
-/// What is known of the disturbances; 0 is *none*. They shape the guarantees, not the estimate.
+/// Bounds on the disturbances; 0 is *none*. They affect the guarantees, not the estimate.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct DisturbanceBounds {
     /// δ̄ ≥ ‖δ(t)‖, of the measurement error, in the output's unit.
@@ -118,7 +118,7 @@ impl ChannelDesign {
         LearnedFunction::zero((self.kernel, &self.length_scale), &self.centers, self.nugget, &self.solver)
     }
 
-    /// What keeps the sampled law stable with the body.
+    /// The limit that keeps the sampled law stable with the body.
     ///
     /// # Errors
     /// `AdaptationRate` beyond the sampled-data bound, with the largest one that is within it.
@@ -152,7 +152,7 @@ impl ChannelDesign {
         Ok(())
     }
 
-    /// λ_max(M⁻¹ Γ_f): what the fastest direction learns per unit of φᵀφ and σ (1/s²).
+    /// λ_max(M⁻¹ Γ_f): the learning rate of the fastest direction per unit of φᵀφ and σ (1/s²).
     fn fastest_learning(&self) -> f64 {
         // It is that of F⁻¹ Γ F⁻ᵀ with M = F Fᵀ, which is symmetric.
         let factor = self.inertia.cholesky().map(|cholesky| cholesky.l());

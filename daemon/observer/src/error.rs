@@ -33,9 +33,9 @@ pub enum Parameter {
     Hold,
     /// `coast_step_s`.
     CoastStep,
-    /// Gain or hold of a position or attitude fix, or the velocity error's way into the position.
+    /// Gain or hold of a position or attitude fix, or the gain from the velocity error to the position.
     Fix,
-    /// No channel was asked for.
+    /// The design has no channel.
     Channels,
     /// A of a linear plant.
     Plant,

@@ -39,7 +39,7 @@ pub enum OutlierAction {
     Correction,
 }
 
-/// How innovations are judged.
+/// The gate's parameters and running scale.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct InnovationGate {
     /// What happens to outliers.
@@ -75,7 +75,7 @@ impl<const M: usize> InnovationScale<M> {
         }
     }
 
-    /// Whether an output with this ỹ is an outlier; if not, the scale follows it.
+    /// Whether an output with this ỹ is an outlier; if not, the scale is updated with it.
     pub(crate) fn is_outlier(
         &mut self,
         output_error: &SVector<f64, M>,

@@ -12,10 +12,10 @@ use crate::space::kernel::Kernel;
 use crate::space::scaled_kernel::LengthScale;
 use nalgebra::{DMatrix, DVector};
 
-/// The largest ‖A‖ h: beyond, e^{Ah} says nothing any more.
+/// The largest ‖A‖ h; beyond it e^{Ah} is meaningless.
 const MAX_GROWTH: f64 = 1e6;
 
-/// Everything that the observer of a linear plant is made of.
+/// The design of the observer of a linear plant.
 #[derive(Debug, Clone, PartialEq)]
 pub struct LinearDesign {
     /// A, n×n.
@@ -40,7 +40,7 @@ pub struct LinearDesign {
     pub adaptation_rate: DMatrix<f64>,
     /// σ.
     pub dead_zone: DeadZone,
-    /// What is known of the disturbances; ξ̄ bounds a rate of the state.
+    /// Bounds on the disturbances; ξ̄ bounds a rate of the state.
     pub bounds: DisturbanceBounds,
     /// An output is held for at most this long (s).
     pub hold_s: f64,

@@ -31,7 +31,7 @@ use crate::timeline::{ChannelReport, Measured, Timeline};
 /// The adaptive observer of a linear plant (Niu et al., eqs. (state estimator), (final learning laws)).
 ///
 /// Samples go in with their stamps; estimates come out for any instant not before the newest sample. The same
-/// samples give the same bits, whenever and however often estimates are asked for.
+/// samples give the same bits, whenever and however often estimates are requested.
 #[derive(Debug, Clone)]
 pub struct LinearObserver {
     timeline: Timeline<LinearPlant, MAX_OUTPUTS>,
@@ -118,7 +118,7 @@ impl LinearObserver {
     }
 
     /// Takes what was measured and commanded at `stamp_ns`, later than the sample before. All values are finite:
-    /// the caller checks. Whether the output was an outlier ([`crate::InnovationGate`]).
+    /// the caller checks. Returns whether the output was an outlier ([`crate::InnovationGate`]).
     ///
     /// # Cost
     /// One evaluation of the features with a new output; no allocation.

@@ -89,7 +89,7 @@ impl RigidBodyEstimate {
 /// Samples go in with their stamps; estimates come out for any
 /// instant not before the newest sample.
 ///
-/// The same samples give the same estimates to the bit, whenever and however often estimates are asked for.
+/// The same samples give the same estimates to the bit, whenever and however often estimates are requested.
 #[derive(Debug, Clone)]
 pub struct RigidBodyObserver {
     translation: Option<Timeline<Body<Position>, 3>>,
@@ -148,7 +148,7 @@ impl RigidBodyObserver {
         })
     }
 
-    /// Takes one sample: each channel moves to its stamp, learns, and holds what the sample brings. Which outputs were
+    /// Takes one sample: each channel moves to its stamp, learns, and holds the sample's values. Returns which outputs were
     /// outliers ([`crate::InnovationGate`]), by channel.
     ///
     /// # Cost
@@ -245,7 +245,7 @@ impl RigidBodyObserver {
         self.fixed_attitude = self.initial_attitude;
     }
 
-    /// Forgets the state, not what was learned: starts again from the next sample, whatever its stamp.
+    /// Forgets the state, not what was learned: starts again from the next sample, with any stamp.
     pub fn restart(&mut self) {
         for channel in ChannelName::ALL {
             if let Some(channel) = self.channel_mut(channel) {
@@ -280,7 +280,7 @@ impl RigidBodyObserver {
         self.fixed_attitude
     }
 
-    /// Goes on with the attitude of another observer's checkpoint.
+    /// Continues with the attitude of another observer's checkpoint.
     pub fn set_fixed_attitude(&mut self, attitude: Option<UnitQuaternion<f64>>) {
         self.fixed_attitude = attitude;
     }

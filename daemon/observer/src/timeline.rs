@@ -17,7 +17,7 @@ use crate::report::certificate::Certificate;
 use nalgebra::SVector;
 use serde::{Deserialize, Serialize};
 
-/// The state of a channel at a checkpoint: all that its future depends on, beside what it learned.
+/// The state of a channel at a checkpoint: everything that later estimates depend on, except what was learned.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct TimelineState<S, const M: usize> {
     committed: Option<Moment<S>>,
@@ -69,8 +69,8 @@ pub(crate) struct Prediction<S, const M: usize> {
     pub(crate) coasting: bool,
 }
 
-/// The newest points of the coasting grid. A sample that comes late, but not later than this many steps,
-/// goes on from the one before it; an older one coasts again from the start, to the same bits.
+/// The newest points of the coasting grid that are stored. A sample that arrives at most this many steps late continues
+/// from the point before it; for an older one the coast is computed again from its start, with the same bits.
 const TRAIL: usize = 32;
 /// After this many steps of a coast, the step doubles,
 const STEPS_OF_ONE_LENGTH: u64 = 32;
@@ -89,7 +89,7 @@ pub(crate) struct Timeline<P: Plant<M>, const M: usize> {
     initial: P::State,
     /// The state before the first output: the initial one, and fixes.
     waiting: P::State,
-    /// `None` where the error dynamics are not strictly positive real: then nothing is claimed.
+    /// `None` if the error dynamics are not strictly positive real; then the theorems claim nothing.
     certificate: Option<Certificate>,
     hold_ns: u64,
     coast_step_ns: u64,
@@ -266,14 +266,14 @@ impl<P: Plant<M>, const M: usize> Timeline<P, M> {
         Moment { stamp_ns: to_ns, state: self.channel.plant_mut().coast(&point.moment, &force, h_s) }
     }
 
-    /// Puts the state back to an earlier one, from which it coasts to now.
+    /// Restores an earlier state, from which the channel coasts to the present.
     fn put_back(&mut self, moment: Option<Moment<P::State>>) {
         self.is_started = moment.is_some();
         if let Some(moment) = moment {
             *self.channel.at_mut() = moment;
         }
         self.held_until_ns = 0;
-        // An error of any size may have made it necessary.
+        // The error that made it necessary may have any size.
         self.innovation_scale = InnovationScale::unknown();
         self.clear_trail();
     }
@@ -294,13 +294,13 @@ impl<P: Plant<M>, const M: usize> Timeline<P, M> {
         }
     }
 
-    /// Puts state and weights back to the checkpoint, from which it coasts to now. No allocation.
+    /// Restores state and weights of the checkpoint, from which the channel coasts to the present. No allocation.
     pub(crate) fn restore(&mut self, saved: Option<&TimelineState<P::State, M>>) {
         self.put_back(saved.and_then(|saved| saved.committed));
         self.channel.law_mut().restore();
     }
 
-    /// Goes on from the checkpoint of another timeline of the same design. With its state, the next step is the same to
+    /// Continues from the checkpoint of another timeline of the same design. With its state, the next step is the same to
     /// the bit.
     ///
     /// # Panics
@@ -339,7 +339,7 @@ impl<P: Plant<M>, const M: usize> Timeline<P, M> {
         self.channel.law_mut().forget();
     }
 
-    /// From now on outputs are judged by this.
+    /// Sets how outliers are detected.
     pub(crate) fn set_innovation_gate(&mut self, gate: InnovationGate) {
         self.gate = gate;
     }

@@ -15,7 +15,7 @@ use pulp::Simd;
 
 /// Mirror images of a point; symmetries.
 pub(crate) const IMAGES: usize = 8;
-/// Vectors that are worked on together: k, and β of three outputs.
+/// Vectors that are processed together: k, and β of three outputs.
 pub(crate) const VECTORS: usize = 4;
 
 /// c₁×c₂×c₃ points of a lattice, and the factors of their Gram matrix.
@@ -179,7 +179,7 @@ impl BlockBuffers {
     }
 }
 
-/// What a block says about a point.
+/// The results of a block at a point.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct BlockEvaluation {
     /// φᵀφ.

@@ -6,13 +6,13 @@ use crate::space::kernel::RadialFunction;
 
 /// The larger block that stands for the lattice has this many more points on each side.
 const SURROUNDINGS: usize = 3;
-/// Beyond an edge of the lattice ‖q‖/P_c was seen to be a sixth larger than in the middle cell, where it is sampled.
+/// Beyond an edge of the lattice ‖q‖/P_c was found to be a sixth larger than in the middle cell, where it is sampled.
 const SAFETY: f64 = 1.25;
 /// Outputs and updates that the error is predicted from.
 const CALIBRATION_OUTPUTS: usize = 64;
 const CALIBRATION_UPDATES: usize = 192;
 
-/// A block, and how far it is from the whole lattice, by a larger block around it.
+/// A block, and its distance from the whole lattice, estimated with a larger block around it.
 pub(crate) struct Calibration {
     pub(crate) block: LatticeBlock,
     /// ρ: [`SAFETY`] times the largest ‖q‖/P_c over the middle cell.

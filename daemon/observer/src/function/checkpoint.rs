@@ -2,7 +2,7 @@
 
 use std::hint::black_box;
 
-/// Coordinates of f̂_N, one run of numbers per output, and S scalars that its history leaves.
+/// Coordinates of f̂_N, one run of numbers per output, and S scalars that depend on its history.
 #[derive(Debug, Clone)]
 pub(crate) struct Learned<const M: usize, const S: usize> {
     /// Runs beyond the outputs of a plant are empty.
@@ -76,7 +76,7 @@ impl<const M: usize, const S: usize> Learned<M, S> {
     }
 }
 
-/// Zeros on pages that are really there: the first update of a row shall not wait for the kernel to map it.
+/// Zeros on mapped pages, so that the first update of a row does not wait for the kernel to map one.
 fn written_zeros(n: usize) -> Vec<f64> {
     let mut zeros = vec![0.0; n];
     for page in zeros.chunks_mut(256) {

@@ -9,7 +9,7 @@ pub struct Evaluation<const M: usize> {
     pub value: SVector<f64, M>,
     /// φᵀφ = κ(0) − P²: what an increment of 1 that is learned here adds to f̂ here.
     pub squared_features: f64,
-    /// How far the value may be from that of the dense solver, in the input's unit; 0 where it is dense.
+    /// Estimated difference of the value from that of the dense solver, in the input's unit; 0 where it is dense.
     pub error: f64,
     /// What an increment of 1 that is learned here adds to the error at most.
     pub error_of_increment: f64,

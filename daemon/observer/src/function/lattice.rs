@@ -49,10 +49,9 @@ use crate::space::scaled_kernel::{LengthScale, ScaledKernel};
 use nalgebra::SVector;
 use pulp::Simd;
 
-/// Where the rows of the lattice end, what is beyond its last point lies this many length scales away: the kernel is 0
-/// there.
+/// Distance (length scales) of the padding beyond the last point of a row, so that the kernel is 0 there.
 const FAR: f64 = 1e150;
-/// Blocks that are tried for the accuracy that is asked for: larger ones are slow to set up.
+/// Blocks that are tried for the requested accuracy; larger ones take long to set up.
 const BLOCKS_TO_TRY: [usize; 3] = [4, 6, 8];
 /// More than a block has points along an axis; a power of two.
 const INDICES: usize = 16;
@@ -69,7 +68,7 @@ struct Axis {
 }
 
 impl Axis {
-    /// Along which there is nothing to see.
+    /// An axis without extent.
     const SINGLE: Self = Self { lower: 0.0, points_per_unit: 0.0, spacing: 1.0, count: 1 };
 
     /// Distance of a point of the lattice from u, which is in points (length scales).

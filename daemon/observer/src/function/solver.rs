@@ -37,7 +37,7 @@ impl Default for LocalSolver {
 /// Up to this many centers, `Solver::Auto` is exact.
 pub const DENSE_UP_TO: usize = 2000;
 
-/// How f̂ is computed, as decided.
+/// The chosen solver.
 #[derive(Debug, Clone, PartialEq)]
 pub enum SolverInUse {
     /// From all centers.
@@ -103,12 +103,12 @@ impl LocalSolver {
     }
 }
 
-/// What counts of the norm of the outermost layer of a block, in the estimate of the local solver's error.
+/// The factor on the norm of a block's outermost layer, in the estimate of the local solver's error.
 const SHARE_OF_LAYER: f64 = 2.0;
-/// ε: what counts of ‖f̂_N‖ beside it, for m = 1, 2, 3.
+/// ε: the factor on ‖f̂_N‖ in that estimate, for m = 1, 2, 3.
 const SHARE_OF_NORM: [f64; 3] = [1.0, 0.25, 0.0625];
 
-/// `min(‖f̂‖, 2 ‖θ_layer‖ + ε ‖f̂‖)`: the part of ‖f̂‖ that matters around a block of m axes.
+/// `min(‖f̂‖, 2 ‖θ_layer‖ + ε ‖f̂‖)`: an estimate of the norm of f̂ around a block of m axes.
 pub(crate) fn surroundings_norm(dimension: usize, layer: f64, norm: f64) -> f64 {
     norm.min(SHARE_OF_LAYER * layer + SHARE_OF_NORM[dimension - 1] * norm)
 }

@@ -49,7 +49,7 @@ pub struct Channel<P: Plant<M>, const M: usize> {
 /// A channel of the rigid body on its own, without a pose: `M v' = u + f(v)`, `y = v + δ`.
 pub type BodyChannel = Channel<Body<()>, 3>;
 
-/// What follows if the observed output is held for h.
+/// The prediction if the observed output is held for h.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Ahead<S, const M: usize> {
     /// θ_{j+1} − θ_j.
@@ -188,7 +188,7 @@ impl BodyChannel {
         Self::of_body(design, KnownForce::Constant(Vector3::zeros()), None, ())
     }
 
-    /// Sets v̂; what was learned stays.
+    /// Sets v̂; what was learned is kept.
     pub fn set_rate(&mut self, rate: Vector3<f64>) {
         self.at.state.rate = rate;
     }

@@ -14,7 +14,7 @@ pub struct DeadZone {
     buffer: f64,
 }
 
-/// What σ does outside of its width d, over its buffer ε.
+/// The shape of σ outside of its width d, over its buffer ε.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum DeadZoneShape {
     /// `(e − d)² / 2ε` on [d, d+ε], then `e − d − ε/2`: unbounded, so that a large error learns faster.
@@ -53,7 +53,7 @@ impl DeadZone {
         self.width
     }
 
-    /// What σ does outside of d.
+    /// The shape of σ outside of d.
     pub fn shape(&self) -> DeadZoneShape {
         self.shape
     }

@@ -25,7 +25,7 @@ use crate::law::stability::StepLimit;
 use nalgebra::{SMatrix, SVector};
 use serde::{Deserialize, Serialize};
 
-/// At run time σ is held below this part of what the sampled-data bound allows.
+/// At run time σ is held below this part of the sampled-data bound.
 ///
 /// The bound is for a constant σ. The paper's σ₀ grows with the error, so that the *slope* of σ(e) e is up to 2σ: the
 /// slope has to stay within the bound, or the error may swing for ever between large and small σ. With 0.9
@@ -49,7 +49,7 @@ pub struct GradientLaw<const M: usize> {
     prior: Evaluation<M>,
 }
 
-/// What follows from a held output, before it is known how long it will be held.
+/// The results of a held output that do not depend on how long it is held.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct HeldOutput<const M: usize> {
     /// y.
@@ -168,18 +168,18 @@ impl<const M: usize> GradientLaw<M> {
         self.function.save();
     }
 
-    /// Puts back what was saved last. No allocation.
+    /// Restores what was saved last. No allocation.
     pub(crate) fn restore(&mut self) {
         self.function.restore();
     }
 
-    /// Takes what another law of the same design had learned.
+    /// Takes over what another law of the same design has learned.
     pub(crate) fn load(&mut self, learned: &[f64]) {
         self.function.load(learned);
         self.hold_nothing();
     }
 
-    /// Goes on with an output that another law of the same design held.
+    /// Continues with an output that another law of the same design held.
     pub(crate) fn hold(&mut self, held: &HeldOutput<M>) {
         self.held = *held;
         self.function.hold(held.output.as_slice());
@@ -200,7 +200,7 @@ impl<const M: usize> GradientLaw<M> {
         &self.dead_zone
     }
 
-    /// y, ỹ and σ of the output that was taken last.
+    /// y, ỹ and σ of the newest output.
     pub fn held(&self) -> &HeldOutput<M> {
         &self.held
     }

@@ -5,7 +5,7 @@ use crate::plant::linear::{held_integral, padded};
 use crate::plant::linear_algebra::{eigenvalues, spectral_abscissa, spectral_norm};
 use nalgebra::{Complex, DMatrix};
 
-/// The largest σ φᵀφ (1/s²) that keeps the sampled law stable for every step up to the longest hold; 0 where none does.
+/// The largest σ φᵀφ (1/s²) that keeps the sampled law stable for every step up to the longest hold; 0 if none does.
 ///
 /// With the output frozen at y, the errors e of the state and F of the matched input follow, on the observable part,
 ///
@@ -13,7 +13,7 @@ use nalgebra::{Complex, DMatrix};
 /// F⁺ = F − s Γ_f C e,    e⁺ = e^{A_e h} e + ∫₀^h e^{A_e τ} dτ B F⁺,    s = h σ φᵀφ
 /// ```
 ///
-/// The bound is where the spectral radius of this map first exceeds 1; it has no closed form here. It is looked for
+/// The bound is where the spectral radius of this map first exceeds 1; it has no closed form here. It is searched
 /// on a grid of steps, fine against the fastest oscillation of A_e, and in the limit of short steps, that of the
 /// continuous law.
 pub(crate) fn largest_learning_of_every_step(design: &LinearDesign) -> f64 {
@@ -63,8 +63,8 @@ fn largest_continuous_learning(part: &ObservablePart, adaptation_rate: &DMatrix<
     first_crossing(rate * rate / (spectral_norm(&part.b) * spectral_norm(&learning)), excess)
 }
 
-/// The least x > 0 from which on `excess` is positive, looked for from far below `unit`, the size that x has as a rule,
-/// to far above; 0 where it is positive from the start.
+/// The least x > 0 from which on `excess` is positive, searched from far below `unit`, the usual size of x, to far above; 0
+/// if it is positive from the start.
 fn first_crossing(unit: f64, excess: impl Fn(f64) -> f64) -> f64 {
     // Where x is small, the largest eigenvalue is at the edge of stability, up to rounding.
     const ROUNDING: f64 = 1e-8;
@@ -87,7 +87,7 @@ fn first_crossing(unit: f64, excess: impl Fn(f64) -> f64) -> f64 {
             let middle = 0.5 * (below + outside);
             if excess(middle) <= ROUNDING { below = middle } else { outside = middle }
         }
-        // What grows with x from the start only seemed stable where rounding hid it.
+        // If `excess` grows with x from the start, it only seemed stable because of rounding.
         if (0.3 * ROUNDING..=ROUNDING).contains(&excess(0.5 * below)) {
             return 0.0;
         }

@@ -1,7 +1,7 @@
 //! The sampled-data stability bound of the law *update first, then predict*.
 
 /// The largest product g = (rate of learning per unit of output error, over inertia) that a step of
-/// `h_s` seconds bears.
+/// `h_s` seconds allows.
 ///
 /// With the output frozen at y, the errors of one channel, e of the velocity and F of the force, follow
 ///
@@ -26,7 +26,7 @@ pub fn largest_learning_rate(gain_per_s: f64, h_s: f64) -> f64 {
     2.0 * (1.0 + decay) / (h_s * b)
 }
 
-/// What h σ φᵀφ may be at most, so that the sampled law stays stable with its plant.
+/// The limit on h σ φᵀφ that keeps the sampled law stable with its plant.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) enum StepLimit {
     /// [`largest_learning_rate`] of `M v' = u + f(v)`.

@@ -7,8 +7,8 @@ use serde::{Deserialize, Serialize};
 
 /// q̂ (body to inertial) with `q̂_{j+1} = q̂_j ⊗ exp(½ h ω̄)`, ω̄ = (ω̂_j + ω̂_{j+1})/2: no gimbal lock.
 ///
-/// A fix is carried along with the motion; what is left of its error, a rotation about a body axis,
-/// decays as e^{−L_q t}.
+/// A fix moves with the estimated motion; the remaining error, a rotation about a body axis, decays as
+/// e^{−L_q t}.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Attitude {
     pub(crate) attitude: UnitQuaternion<f64>,

@@ -65,7 +65,7 @@ impl<K: Kinematics> Body<K> {
         Self { integrator, known_force, initial_rate, pose: std::marker::PhantomData }
     }
 
-    /// How the velocity moves.
+    /// The integrator of the velocity.
     pub fn integrator(&self) -> &Integrator {
         &self.integrator
     }

@@ -60,7 +60,7 @@ pub(crate) fn eigenvalues(matrix: &DMatrix<f64>) -> Vec<Complex<f64>> {
         .find_map(|roundings| Schur::try_new(moved(roundings), 16.0 * f64::EPSILON, 300 * matrix.nrows()));
     match schur {
         Some(schur) => schur.complex_eigenvalues().iter().copied().collect(),
-        // Not known is not stable.
+        // Unknown eigenvalues count as unstable.
         None => vec![Complex::new(f64::NAN, f64::NAN)],
     }
 }

@@ -8,8 +8,8 @@ use serde::{Deserialize, Serialize};
 /// r̂ with the law `r̂' = v̂ + L_r ỹ + L_p (r_meas − r̂)`.
 ///
 /// Without fixes (L_p = 0) the position is not observable from the velocity: r̂ is dead reckoning.
-/// A fix is carried along with the motion, so that its age brings no lag: what is left of its error
-/// decays as e^{−L_p t}, on top of the exact integral of v̂.
+/// A fix moves with the estimated motion, so that its age causes no lag; the remaining error decays as e^{−L_p t},
+/// beside the exact integral of v̂.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Position {
     pub(crate) position: Vector3<f64>,

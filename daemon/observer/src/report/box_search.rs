@@ -10,13 +10,13 @@ pub struct Supremum {
     pub value: f64,
     /// Where it is taken, in the unit of the box.
     pub at: Vec<f64>,
-    /// No point of the box has a larger one.
+    /// An upper bound on the function in the box.
     pub upper_bound: f64,
-    /// Points looked at.
+    /// Points evaluated.
     pub evaluations: usize,
 }
 
-/// The box around a point, and what the function can at most be in it.
+/// The box around a point, and an upper bound on the function in it.
 struct Cell {
     upper_bound: f64,
     center: Vec<f64>,

@@ -26,7 +26,7 @@ use crate::law::dead_zone::DeadZone;
 use crate::report::box_search::Supremum;
 use crate::space::native_space::NativeSpace;
 
-/// What the theorems claim for one channel (Niu et al., eqs. (E₀), (minimal dead zone)).
+/// The claims of the theorems for one channel (Niu et al., eqs. (E₀), (minimal dead zone)).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Certificate {
     /// λ_min(Q), Q = WᵀW + εP.
@@ -119,7 +119,7 @@ impl Certificate {
     }
 }
 
-/// sup P_N, which is searched for only where r_f > 0 makes it count.
+/// sup P_N, which is needed and searched only if r_f > 0.
 pub(crate) fn sup_if_needed(bounds: &DisturbanceBounds, search: impl FnOnce() -> Supremum) -> f64 {
     if bounds.residual_norm > 0.0 { search().value } else { 0.0 }
 }

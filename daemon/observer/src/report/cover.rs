@@ -60,7 +60,7 @@ impl NativeSpace {
     }
 }
 
-/// What another length scale would do to a space.
+/// The effect of another length scale on a space.
 #[derive(Debug, Clone, PartialEq)]
 pub struct LengthScaleEffect {
     /// Times the length scale of the design.

@@ -75,7 +75,7 @@ pub struct DesignReport {
     pub memory_bytes: usize,
     /// The largest eigenvalue of Γ_f.
     pub adaptation_rate: f64,
-    /// What that may be at most with an output held for `hold_s` (exclusive), for σ = 1.
+    /// The (exclusive) limit on that eigenvalue with an output held for `hold_s`, for σ = 1.
     pub largest_stable_adaptation_rate: f64,
     /// The longest that an output is held (s).
     pub hold_s: f64,

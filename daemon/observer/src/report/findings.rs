@@ -10,9 +10,9 @@ pub enum Verdict {
     Holds,
     /// It is not.
     Fails,
-    /// The paper says so, and its proof does not cover this design.
+    /// The paper claims it, and its proof does not cover this design.
     Claimed,
-    /// It says nothing about this design.
+    /// It does not apply to this design.
     NotApplicable,
 }
 

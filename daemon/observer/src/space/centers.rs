@@ -3,7 +3,7 @@
 use crate::error::{DesignError, Parameter};
 use std::sync::Arc;
 
-/// A lattice of more is a slip of the pen.
+/// A lattice of more centers is taken for a mistake.
 const MAX_CENTERS: usize = 100_000_000;
 
 /// Ξ_N: N distinct points of ℝ^d, d the number of outputs, in the output's unit.

@@ -4,7 +4,7 @@ use crate::error::{DesignError, Parameter};
 use crate::space::centers::weighted_distance;
 use crate::space::kernel::{Kernel, RadialFunction};
 
-/// ℓ: how far from a center its knowledge reaches, in the output's unit.
+/// ℓ: the distance over which a center affects f̂, in the output's unit.
 #[derive(Debug, Clone, PartialEq)]
 pub enum LengthScale {
     /// One for all axes.

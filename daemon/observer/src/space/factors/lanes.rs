@@ -6,7 +6,7 @@
 
 use pulp::{Arch, Simd, WithSimd};
 
-/// Numbers that are worked on together: one register of AVX-512, two of AVX2, four of NEON or SSE2.
+/// Numbers that are processed together: one register of AVX-512, two of AVX2, four of NEON or SSE2.
 pub(crate) const LANES: usize = 8;
 
 /// Eight numbers on a cache line of their own.
@@ -19,7 +19,7 @@ pub(crate) fn whole_lanes(n: usize) -> usize {
     n.next_multiple_of(LANES)
 }
 
-/// Something to be compiled for each vector unit.
+/// A loop that is compiled for each vector unit.
 pub(crate) trait VectorLoop {
     type Output;
 
@@ -52,7 +52,7 @@ impl VectorUnit {
         Self(Arch::new())
     }
 
-    /// What is there on every machine of this kind: to compare with.
+    /// The baseline that every machine of this kind has, for comparison.
     #[cfg(test)]
     pub(crate) fn baseline() -> Self {
         Self(Arch::Scalar)

@@ -38,7 +38,7 @@ impl MirroredLattice {
     /// Whether a product is clearly faster than with a factor of the whole Gram matrix, in columns of eight
     /// multiply-adds.
     pub(crate) fn pays(&self) -> bool {
-        /// What kernel values of eight points take, and what eight octets and their images take to put in order.
+        /// The cost of kernel values of eight points, and of sorting eight octets with their images.
         const KERNEL: usize = 24;
         const ORDER: usize = 8;
         let product = |n: usize| {
