@@ -33,12 +33,12 @@ const TOO_OLD: &str = "rejected_too_far_behind_the_clock";
 
 #[rustfmt::skip]
 const OF_SAMPLES: [Case; 18] = [
-    // Spikes come first: were they learned from, the learned force would be spoiled for the faults that follow.
+    // Spikes come first: if they were learned from, the learned force would be wrong for the later faults.
     ("spike@5:1.5,size=3,every=10", Some(30), &[("velocities_held_back", Count::Each)]),
     ("spike@9:1,field=angular-velocity,size=5,every=10", Some(20), &[("angular_velocities_held_back", Count::Each)]),
     ("nan@13:0.5", Some(100), &[("rejected_not_finite", Count::Each)]),
     ("nan@17:0.5,field=attitude,every=3", Some(34), &[("rejected_not_finite", Count::Each)]),
-    // Plausible each by itself: no check of a single sample sees them.
+    // Each sample is plausible by itself: no check of a single sample detects them.
     ("drift@21:1,per_s=0.3", Some(200), &[]),
     ("bias@25:0.5,size=0.5", Some(100), &[]),
     // From the fiftieth repetition on.

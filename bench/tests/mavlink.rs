@@ -37,7 +37,7 @@ fn peer(python: &Path, arguments: &[&str]) -> Process {
     Process::spawn(command)
 }
 
-/// What the vehicle sent and heard.
+/// What the vehicle sent and received.
 fn heard(peer: Process) -> Value {
     serde_json::from_str(&peer.finish_within(2 * PATIENCE).ok()).unwrap()
 }
@@ -166,7 +166,7 @@ fn odometry_goes_in_and_the_estimates_come_back_as_odometry() {
     assert!(least_s > -0.1 && median_s < 0.1, "offsets are of this clock: {least_s}, {median_s}");
     println!("round trip of TIMESYNC {:.0} µs", round_trip_s * 1e6);
 
-    // What came back is what others read in shared memory, at the same stamp.
+    // The ODOMETRY that the vehicle received equals the estimate in shared memory at the same stamp.
     let returned = flight.peer["odometry"].as_array().unwrap();
     assert!(returned.len() > 100, "{} estimates came back", returned.len());
     assert_eq!(flight.bridge["estimates_sent"], returned.len());
@@ -247,7 +247,7 @@ fn position_and_attitude_are_joined_and_the_thrust_becomes_a_force() {
     assert_accepted(&flight.status, flight.peer["sent"].as_array().unwrap().len() as u64);
     let (least_s, median_s, _) = summary_of(&assert_samples(&flight, Some(39.2)));
     assert!(least_s > -0.1 && median_s < 0.1);
-    // ODOMETRY was asked for and denied; so the others were, at their interval in µs.
+    // ODOMETRY was requested and denied; then the others were requested, with their interval in µs.
     let asked: Vec<_> =
         flight.peer["requests"].as_array().unwrap().iter().map(|r| r[0].as_u64().unwrap()).collect();
     assert_eq!(asked, [331, 83, 32, 31]);

@@ -47,7 +47,7 @@ fn every_row_of_the_reference_is_met() {
     let cases = reference();
     assert_eq!(cases.len(), 8);
     for (case, expected) in cases {
-        // The table goes on to the row at 10 s, which a run of 10 s no longer has.
+        // The table continues to the row at 10 s, which a run of 10 s does not have.
         let run = paper(&format!("--scenario {case} --duration 10.1"));
         let example = if case.starts_with("translation") { Example::Translation } else { Example::Rotation };
         let mut largest: [f64; rows::N_COLUMNS] = [0.0; rows::N_COLUMNS];

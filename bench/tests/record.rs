@@ -112,7 +112,7 @@ fn with_one_bit_changed(bytes: &[u8]) -> Vec<u8> {
     }
 }
 
-/// A pipe that is not read stands for a slow disk: the loop goes on, and the ticks that are left out are counted.
+/// A pipe that is not read represents a slow disk: the loop continues, and the ticks that are left out are counted.
 #[test]
 fn a_slow_disk_costs_ticks_of_the_record_and_none_of_the_loop() {
     let domain = TestDomain::new();
@@ -136,7 +136,7 @@ fn a_slow_disk_costs_ticks_of_the_record_and_none_of_the_loop() {
         before.counters.ticks,
         after.counters.ticks
     );
-    // Once it is emptied the record goes on, with the gap marked.
+    // After the pipe is emptied the record continues, with the gap marked.
     let file = files.path().join("copy");
     let mut copy = std::fs::File::create(&file).unwrap();
     let copier = std::thread::spawn(move || {

@@ -106,7 +106,7 @@ fn through_engine(file: &ConfigFile, arrivals: &Arrivals, tick_hz: f64) -> u64 {
         if engine.checkpoint_is_due() {
             engine.save();
         }
-        // Another engine goes on from the checkpoint.
+        // Another engine continues from the checkpoint.
         if tick == 2900 {
             engine.save();
             let mut learned = vec![0.0; engine.n_learned()];

@@ -57,7 +57,7 @@ fn assert_refused(domain: &TestDomain, parts: &[&str]) {
     }
 }
 
-/// The service at work, as all that the tests look at comes into being: source, readers, a command.
+/// A running service with a source, readers and a command, so that all files that the tests check exist.
 fn in_use(domain: &TestDomain) {
     let client = domain.client();
     let sensors = client.measurement_publisher().unwrap();
@@ -82,7 +82,7 @@ fn assert_owner_only(domain: &TestDomain) {
 fn whatever_the_umask_only_the_owner_can_open_anything() {
     for umask in ["000", "022", "077", "277"] {
         let domain = TestDomain::new();
-        // As it comes from a user's mkdir.
+        // The mode that a user's mkdir gives.
         fs::set_permissions(domain.root(), Permissions::from_mode(0o755)).unwrap();
         let daemon = daemon_command(&domain, &["run"]);
         let mut shell = Command::new("sh");
@@ -247,7 +247,7 @@ fn what_another_user_plants_among_the_segments_is_refused_and_left_alone() {
     assert_refused(&domain, &[link.to_str().unwrap(), "a symbolic link"]);
     fs::remove_file(&link).unwrap();
 
-    // Planted while the service runs: the next client reports it, and the service goes on.
+    // A file planted while the service runs: the next client reports it, and the service continues.
     let daemon = Daemon::start(&domain, &[]);
     in_use(&domain);
     fs::write(&file, "").unwrap();
@@ -315,7 +315,7 @@ fn a_flood_drops_the_oldest_counts_them_and_does_not_hold_the_loop() {
     });
     let status = domain.status();
     assert!(status.counters.samples_lost > published / 2, "{} of {published}", status.counters.samples_lost);
-    // While a tick takes them others come: it stops at 256.
+    // More samples arrive while a tick takes them: it stops at 256.
     let most = 256 * (status.counters.ticks - ticks_before + 1) + 1;
     assert!(status.counters.samples_accepted <= most, "{} of {published}", status.counters.samples_accepted);
 }

@@ -221,7 +221,7 @@ fn misuse_is_an_error_with_words_and_nothing_else() {
     assert!(text.contains("another thread opened"), "{text}");
     good(c::publish(handle, &raw const sample));
 
-    // A port that was not asked for.
+    // A port that was not requested.
     let (result, reader) = c::open_for(layout::HASH, root, VEHICLE, ports::PEEK, 10.0);
     good(result);
     refused(c::publish(reader, &raw const sample), bad, "OBSERVER_PORTS_PUBLISH");
@@ -455,7 +455,7 @@ fn a_loop_in_c_flies_on_while_the_service_is_killed_and_comes_back() {
     assert!(number(&summary, "outages") >= 1, "{summary}");
     let (answered, newest) = (number(&summary, "answered"), number(&summary, "newest"));
     assert!((1..3000).contains(&answered) && newest > answered, "{summary}");
-    // What the second service used came from the same ports.
+    // The second service used the samples of the same ports.
     assert!(domain.status().counters.samples_accepted > 0);
     assert_eq!(daemon.stop().0, Some(0));
 }
@@ -519,7 +519,7 @@ fn an_open_handle_makes_no_system_call() {
     assert_eq!((code, out.as_str()), (None, "no system call\n"));
 }
 
-/// What a program finds in the library is what the header declares, and the loader is asked for its major version.
+/// The library exports exactly the functions that the header declares, and its soname has the major version.
 #[test]
 fn the_shared_library_has_the_functions_of_the_header_and_no_other() {
     let library = installed().join("lib/libobserver_client.so");

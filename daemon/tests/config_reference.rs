@@ -251,7 +251,7 @@ fn every_bound_is_held() {
             };
             let mut document = document_for(&key);
             if let Some((solver, _)) = key.split_once(".solver.") {
-                // Its options are looked at where they are used.
+                // Its options are checked where they are used.
                 document = with(document, &format!("{solver}.solver.kind"), &json!("local"));
             }
             assert_refused(&with(document, &key, &value), part);

@@ -78,7 +78,7 @@ fn bad_samples_are_rejected_counted_and_do_no_harm() {
     service.tick(&[(1, sample)]);
     let counters = service.engine.counters();
     assert_eq!((counters.samples_accepted, counters.samples_rejected), (4, expected));
-    // 1 to 4 and 6 to 8 never arrived, nor the number that the backward one stands for; what was rejected did.
+    // 1 to 4 and 6 to 8 never arrived, nor the sample whose number was changed; the rejected ones did.
     assert_eq!(counters.samples_lost, 8);
 }
 
@@ -150,7 +150,7 @@ fn spikes_are_held_back_and_a_stuck_sensor_is_named() {
     assert_eq!(bits, status_bits::HELD_BACK | status_bits::STUCK);
 }
 
-/// A mass on a spring under a force that is not modelled: y and u go in, x̂ and f̂ come out.
+/// A mass on a spring under an unmodelled force: from y and u the observer estimates x̂ and f̂.
 #[test]
 fn a_linear_plant_of_the_users_own_is_estimated() {
     // At rest and without noise the output repeats itself.

@@ -73,7 +73,7 @@ fn ticks_of_a_service_allocate_nothing(preset: &str) {
         if j == 500 {
             let (answer, _) = std::sync::mpsc::sync_channel(1);
             handle.save_requests.send(answer).unwrap();
-            // Until the saver has asked.
+            // Until the saver has requested a copy.
             std::thread::sleep(Duration::from_millis(50));
         }
         let wake_ns = monotonic_ns();

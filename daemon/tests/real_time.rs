@@ -10,7 +10,7 @@ use std::os::unix::fs::PermissionsExt;
 const EVERYTHING: u64 =
     bits::PRIORITY | bits::CORES | bits::LOCKED_MEMORY | bits::PUNCTUAL_TIMERS | bits::AWAKE_CORES;
 
-/// A configuration that asks for these settings, readable for every user.
+/// A configuration that requests these settings, readable for every user.
 fn asking(settings: &str) -> tempfile::NamedTempFile {
     let file = preset_between("", &format!("[real_time]\n{settings}"));
     fs::set_permissions(file.path(), fs::Permissions::from_mode(0o644)).unwrap();

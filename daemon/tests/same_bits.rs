@@ -35,7 +35,7 @@ fn the_service_and_the_library_agree_to_the_bit() {
         if sequence.is_multiple_of(50) {
             sample = sample.with_position_m([t, 0.1 * t, 0.0]).with_attitude_wxyz([1.0, 0.0, 0.0, 0.0]);
         }
-        // An outage, and a sample that comes two ticks late.
+        // An outage, and a sample that arrives two ticks late.
         let late_ns = if sequence % 100 == 3 { 2_500_000 } else { 0 };
         sleep_until_ns(stamp_ns + late_ns);
         if !(600..700).contains(&sequence) {

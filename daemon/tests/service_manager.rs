@@ -26,7 +26,7 @@ impl Manager {
         Daemon::spawn(command)
     }
 
-    /// The next message, if one comes soon.
+    /// The next message, if one arrives soon.
     fn hear(&self) -> Option<String> {
         let mut message = [0; 4096];
         let length = self.socket.recv(&mut message).ok()?;

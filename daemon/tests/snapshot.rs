@@ -29,7 +29,7 @@ fn varied(sequence: u64, stamp_ns: u64) -> Measurement {
     sample
 }
 
-/// A tick 2 ms after each sample; every seventh sample never comes, every fiftieth is a spike.
+/// A tick 2 ms after each sample; every seventh sample is lost, every fiftieth is a spike.
 fn tick(engine: &mut Engine, sequence: u64) -> String {
     let stamp_ns = 1_000_000_000_000 + sequence * PERIOD_NS;
     engine.begin(stamp_ns + 2_000_000, 0);
@@ -49,7 +49,7 @@ fn local_preset() -> ConfigFile {
     ConfigFile::parse("local".into(), text).unwrap()
 }
 
-/// Written down and read again, a state and what was learned go on in another engine to the same bits; what was learned
+/// Saved and resumed, a state and what was learned continue in another engine with the same bits; what was learned
 /// alone, or the state alone, does not.
 #[test]
 fn another_engine_goes_on_to_the_bit() {
@@ -149,7 +149,7 @@ fn a_restart_goes_on_with_what_was_learned_and_with_the_state() {
     assert!((norm(&client_again) - learned).abs() < 0.1 * learned, "{}", norm(&client_again));
     let mut latest = client_again.latest_estimate().unwrap();
     wait_until("an estimate", || latest.peek().unwrap().is_some());
-    // Dead reckoning goes on from where it was: x = 1.5 (1 − cos 1.5), and it has coasted since.
+    // Dead reckoning continues from the saved position: x = 1.5 (1 − cos 1.5), and it has coasted since.
     let position_m = latest.peek().unwrap().unwrap().position_m;
     assert!(position_m.iter().any(|r| r.abs() > 0.5), "{position_m:?}");
 
@@ -175,7 +175,7 @@ fn a_restart_goes_on_with_what_was_learned_and_with_the_state() {
     assert!(code == Some(0) && document["kept"]["learned"].as_array().unwrap().len() > 100, "{out}");
     assert_eq!(document["instance"], "vehicle");
 
-    // Killed, it comes back with what was saved last.
+    // After a kill the service resumes what was saved last.
     daemon.signal(Signal::KILL);
     daemon.finish();
     let daemon = Daemon::start(&domain, &[]);
@@ -279,7 +279,7 @@ fn without_a_directory_nothing_is_kept_and_that_is_said() {
     assert!(!snapshot_path(&domain).exists());
 }
 
-/// Without the default directory, which was not asked for, the service runs.
+/// The service runs without the default directory, because it was not requested explicitly.
 #[test]
 fn a_default_directory_that_cannot_be_made_is_no_reason_to_stay_on_the_ground() {
     let domain = TestDomain::new();
@@ -351,7 +351,7 @@ fn what_is_forgotten_is_kept_beside() {
     let mut old = snapshot_path(&domain).into_os_string();
     old.push(".old");
     assert!(learned(old.clone().into()));
-    // And stays there, however often what came after is forgotten, by this service and the next.
+    // The file is kept, however often later learning is forgotten, by this service and the next.
     let forget_again = |client: &Client| {
         assert_eq!(client.command(command::RESET, PATIENCE).unwrap().outcome, outcome::DONE);
         assert_eq!(client.command(command::SAVE, PATIENCE).unwrap().outcome, outcome::DONE);
@@ -366,7 +366,7 @@ fn what_is_forgotten_is_kept_beside() {
     assert_eq!(daemon.stop().0, Some(0));
 }
 
-/// A service whose standard error is closed falls back without a log line, and goes on.
+/// A service whose standard error is closed falls back without a log line, and continues.
 #[test]
 fn a_closed_log_ends_nothing() {
     let domain = TestDomain::new();

@@ -210,8 +210,8 @@ fn a_monitor_in_another_domain_follows_the_vehicle_over_zenoh() {
     sent.note(&mut near_estimates);
     assert!(!sent.0.contains_key(&FORGED), "a forged estimate has reached the vehicle");
 
-    // A tunnel is killed and started again, without its access control: estimates come again, and a forged one
-    // gets through, so that above it was the access control that kept it out.
+    // A tunnel is killed and started again without its access control: estimates arrive again, and a forged one reaches
+    // the vehicle. This shows that above the access control has stopped it.
     let killed = Instant::now();
     vehicle_tunnel.kill();
     while far_estimates.take().unwrap().is_some() {}

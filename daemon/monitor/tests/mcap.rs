@@ -94,7 +94,7 @@ fn messages<'a>(topics: &'a Value, topic: &str) -> &'a Vec<Value> {
     topics[topic]["messages"].as_array().unwrap_or_else(|| panic!("no topic {topic}"))
 }
 
-/// Each message is the one of its sequence that our own client heard.
+/// Each message equals the one of its sequence that our own client received.
 #[track_caller]
 fn assert_heard<T: Serialize>(found: &[Value], heard: &BTreeMap<u64, T>) {
     assert!(!found.is_empty());

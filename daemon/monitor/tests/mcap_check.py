@@ -19,7 +19,7 @@ from mcap_protobuf.decoder import DecoderFactory
 
 
 def bits(message):
-    """Every field by its name; numbers as their bits, so that -0.0 and infinities are told apart."""
+    """Every field by its name; numbers as their bits, so that -0.0 and infinities are distinguished."""
     fields = {}
     for descriptor in message.DESCRIPTOR.fields:
         value = getattr(message, descriptor.name)

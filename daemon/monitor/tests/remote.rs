@@ -143,7 +143,7 @@ fn the_age_is_that_of_the_estimate_and_not_of_the_clock() {
             link.look(monotonic_ns(), |news| model.note(news)).unwrap();
         }
         assert_eq!(model.presence, Presence::Here);
-        // Nothing comes any more: the newest one grows old, and is missed.
+        // No more estimates arrive: the age of the newest one grows, and this is reported.
         let silent = Instant::now();
         std::thread::sleep(Duration::from_millis(1500));
         link.look(monotonic_ns(), |news| model.note(news)).unwrap();
@@ -173,7 +173,7 @@ fn a_reboot_of_the_other_machine_is_followed() {
     let mut lines = BufReader::new(monitor.child.stdout.take().unwrap()).lines();
     let first = std::thread::spawn(move || (lines.next().unwrap().unwrap(), lines));
     let (_, lines) = tick_while(&mut mirror, first);
-    // The sequence goes on: an estimate with a greater one was sent after the reboot.
+    // The sequence continues: an estimate with a greater number was sent after the reboot.
     mirror.clock_ahead_ns = started_now_ns;
     let rebooted_with = mirror.sequence;
     let mut sequences = lines.map(|line| {

@@ -92,7 +92,7 @@ int main(int argc, char **argv)
             ++answered;
             newest = estimate.source_sequence;
             silent = false;
-            /* The controller's place: estimate.status tells whether to fly on it. */
+            /* The controller goes here: estimate.status says whether the estimate may be used. */
         } else if (result != OBSERVER_TIMED_OUT) {
             return fail("wait");
         } else if (!silent) {

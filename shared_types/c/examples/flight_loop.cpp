@@ -61,7 +61,7 @@ static void fly(std::uint64_t samples, double rate_hz, Seconds patience)
             ++answered;
             newest = *estimate;
             silent = false;
-            // The controller's place: estimate->status tells whether to fly on it.
+            // The controller goes here: estimate->status says whether the estimate may be used.
         } else if (!silent) {
             // The service is away for a moment: fly on, it comes back by itself.
             silent = true;

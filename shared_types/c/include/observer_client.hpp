@@ -58,7 +58,7 @@ inline double age_s(const Estimate &estimate) noexcept
 /// its own thread ends.)
 class Client {
 public:
-    /// Connects, and opens the ports that are asked for (bits of OBSERVER_PORTS_…); waits up to `patience` for the
+    /// Connects, and opens the requested ports (bits of OBSERVER_PORTS_…); waits up to `patience` for the
     /// service to start. An empty `root_path` is $OBSERVER_ROOT or the user's own. Allocates and asks the system;
     /// publish, take, peek and status do not, but for one allocation of iceoryx2 in publish.
     explicit Client(const std::string &instance = "vehicle", std::uint32_t ports = OBSERVER_PORTS_ALL,

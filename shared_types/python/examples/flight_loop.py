@@ -3,7 +3,7 @@
     daemon run --preset rigid-body &
     python examples/flight_loop.py
 
-Here the vehicle is a multicopter of 2 kg with a drag that the service is not told of: it learns it.
+Here the vehicle is a multicopter of 2 kg. Its drag is not part of the configuration: the service learns it.
 """
 
 import argparse

@@ -157,7 +157,7 @@ class Domain:
             os.chmod(self.root, 0o700)
 
     def _check_directories_above(self):
-        """A user who may rename the root path may put another one in its place."""
+        """Checks the directories above: a user who may rename the root path could replace it."""
         directory = self.root.rstrip("/")
         while directory not in ("", "/"):
             directory = os.path.dirname(directory)

@@ -90,7 +90,7 @@ fn varied_samples() -> Vec<Sample> {
     samples
 }
 
-/// A checkpoint in the middle of a stream, taken over by an observer with nothing learned, goes on to the same bits;
+/// A checkpoint in the middle of a stream, resumed by an observer with nothing learned, continues with the same bits;
 /// the learned numbers alone do not.
 #[test]
 fn another_observer_goes_on_from_a_checkpoint_to_the_bit() {
@@ -186,7 +186,7 @@ fn estimates_do_not_depend_on_who_asked_before() {
         asked.accept(sample, Learn::ALL);
         silent.accept(sample, Learn::ALL);
         let next_ns = samples.get(j + 1).map_or(sample.stamp_ns + 500_000_000, |next| next.stamp_ns);
-        // Many questions, also about times after samples that are yet to come late.
+        // Many requests, also for times after samples that arrive late.
         for k in 0..(j % 7) as u64 {
             asked.estimate(sample.stamp_ns + k * 3_700_000 + (j as u64 * 13) % 1_000_000);
         }
@@ -427,7 +427,7 @@ fn a_body_velocity_waits_for_an_attitude() {
     assert!((after.velocity_m_s - Vector3::new(-2.0, 0.0, 0.0)).norm() < 1e-12);
 }
 
-/// Ten hours of silence, asked about now and then: bounded work, and a sample still goes on from there.
+/// Ten hours without samples, with some requests: the work is bounded, and a sample still continues from there.
 #[test]
 fn a_long_silence_costs_little() {
     let samples = varied_samples();

@@ -239,7 +239,7 @@ mod tests {
         }
     }
 
-    /// What steps evaluate against the plain values, which `tests/reference_tables.rs` compares with mpmath.
+    /// The evaluation in steps against the plain values, which `tests/guarantees/reference_tables.rs` compares with mpmath.
     #[test]
     fn kernels_in_vectors_have_the_plain_values() {
         let matern = |dimension, order| (Kernel::SobolevMatern { dimension, order }, dimension);
