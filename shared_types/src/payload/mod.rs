@@ -6,7 +6,9 @@
 //! a field or a counter, add its row, count up the version in the type names of the payloads that hold it, and write the
 //! files of the other languages anew:
 //!
-//!     UPDATE=1 cargo test -p observer_client --test generated
+//! ```text
+//! UPDATE=1 cargo test -p observer_client --test generated
+//! ```
 
 mod estimate;
 mod layout;
