@@ -5,7 +5,9 @@
 //! Each file holds the tables of some payloads; [`crate::table`] describes tables. To add a field or a counter, add its row,
 //! increase the version in the type names of the payloads that hold it, and generate the files of the other languages:
 //!
-//!     UPDATE=1 cargo test -p observer_client --test generated
+//! ```text
+//! UPDATE=1 cargo test -p observer_client --test generated
+//! ```
 
 mod estimate;
 mod layout;
