@@ -174,7 +174,7 @@ macro_rules! channel {
             pub $buffer: f64,
             #[doc = concat!("Bound δ̄ on the norm of the ", $output, "'s measurement error.")]
             ///
-            /// It widens the error bounds that `daemon check` and every estimate tell, not the estimate.
+            /// It widens the error bounds that `daemon check` and every estimate report, not the estimate.
             #[schemars(range(min = 0.0), example = $noise_example)]
             pub $noise: f64,
             #[doc = concat!("Bound ξ̄ on ", $unmatched_text, "; it widens the guarantees, not the estimate.")]
@@ -370,7 +370,7 @@ channel! {
         pub c: Vec<Vec<f64>>,
         /// Observer gain L, row after row; A − LC must be Hurwitz on what is observable.
         ///
-        /// n rows of m numbers. `daemon check` tells the poles of A − LC and whether they suffice for the
+        /// n rows of m numbers. `daemon check` prints the poles of A − LC and whether they suffice for the
         /// guarantees.
         #[schemars(example = vec![[1.0], [8.0]])]
         pub gain: Vec<Vec<f64>>,
