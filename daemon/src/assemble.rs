@@ -136,6 +136,7 @@ fn key_of(names: &KeyNames, parameter: Parameter) -> &'static str {
         Parameter::PlantInput => "b",
         Parameter::PlantOutput => "c",
         Parameter::InitialState => "initial_state",
+        Parameter::Prior | Parameter::Noise | Parameter::Memory | Parameter::Excitation => "law",
     }
 }
 

@@ -13,6 +13,7 @@
 //! | [`RigidBodyObserver`] | position, velocity, attitude, angular velocity and both unknown wrenches of a vehicle |
 //! | [`LinearObserver`] | any linear plant of your own A, B and C |
 //! | [`Channel`], [`GradientLaw`] | the law itself, to compare with the paper; [`LearnedFunction`] is f̂ |
+//! | [`JointChannel`], [`JointFilter`] | the joint filter, which also has deviations; the observers do not use it yet |
 //! | [`Kernel`], [`Centers`], [`NativeSpace`] | the native space that f̂ is an element of |
 //! | [`DeadZone`], [`InnovationGate`] | which errors are learned from, and which outputs are accepted |
 //! | [`DesignReport`], [`Certificate`], [`stability`] | what is proven for a design |
@@ -33,6 +34,7 @@
 //! | `design`, `linear_design`, `law/` | the designs; dead zone, gradient law, stability; the channel: the step |
 //! | `report/` | certificate, design report: what is proven, at set-up only |
 //! | `innovation_gate`, `timeline` | outliers; holding, coasting, committing by the samples' stamps |
+//! | `law/joint/`, `joint_channel` | the joint filter, and a channel of the body with it on the samples' time line |
 //! | `channels` | the channels by name, with one trait: save, restore, load, restart, forget |
 //! | `rigid_body`, `linear_observer` | the observers |
 //!
@@ -83,6 +85,7 @@ mod design;
 mod error;
 mod function;
 mod innovation_gate;
+mod joint_channel;
 mod law;
 mod linear_design;
 mod linear_observer;
@@ -99,12 +102,20 @@ pub use function::evaluation::Evaluation;
 pub use function::learned::LearnedFunction;
 pub use function::solver::{DENSE_UP_TO, LocalSolver, Solver, SolverInUse};
 pub use innovation_gate::{InnovationGate, OutlierAction};
+pub use joint_channel::{JointChannel, JointChannelDesign, JointEstimate, JointSample};
 pub use law::channel::{Ahead, BodyChannel, Channel};
 pub use law::dead_zone::{DeadZone, DeadZoneShape};
 pub use law::gradient::{GradientLaw, HeldOutput, Learning};
+pub use law::joint::design::{ExcitationDesign, JointDesign, PriorDeviations};
+pub use law::joint::filter::JointFilter;
+pub use law::joint::predict::{JointPrediction, LearnedAcceleration};
+pub use law::joint::state::JointState;
+pub use law::joint::teaches::Teaches;
+pub use law::joint::update::Agreement;
 pub use law::stability;
 pub use linear_design::LinearDesign;
 pub use linear_observer::{LinearEstimate, LinearObserver};
+pub use plant::attitude_filter::{AttitudeFilter, JointPose};
 pub use plant::body::{Body, BodyState};
 pub use plant::integrator::{Integrator, Segment};
 pub use plant::linear::{LinearOutput, LinearState, MAX_OUTPUTS, MAX_STATES};

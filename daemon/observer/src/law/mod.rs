@@ -3,5 +3,6 @@
 pub(crate) mod channel;
 pub(crate) mod dead_zone;
 pub(crate) mod gradient;
+pub(crate) mod joint;
 pub(crate) mod linear_stability;
 pub mod stability;

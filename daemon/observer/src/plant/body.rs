@@ -38,7 +38,7 @@ pub(crate) enum KnownForce {
 }
 
 impl KnownForce {
-    fn at(&self, rate: &Vector3<f64>) -> Vector3<f64> {
+    pub(crate) fn at(&self, rate: &Vector3<f64>) -> Vector3<f64> {
         match self {
             Self::Constant(force) => *force,
             Self::Gyroscopic(inertia) => -rate.cross(&(inertia * rate)),

@@ -2,6 +2,7 @@
 //! what is learned.
 
 pub(crate) mod attitude;
+pub(crate) mod attitude_filter;
 pub(crate) mod body;
 pub(crate) mod integrator;
 pub(crate) mod linear;

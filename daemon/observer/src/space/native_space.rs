@@ -75,6 +75,16 @@ impl NativeSpace {
         Self::with_mirrors_where(kernel, length_scale, centers, nugget, MirroredLattice::pays)
     }
 
+    /// The same with the one factor of K, whatever pays: N features, none of them 0.
+    pub(crate) fn whole(
+        kernel: Kernel,
+        length_scale: &LengthScale,
+        centers: Centers,
+        nugget: f64,
+    ) -> Result<Self, DesignError> {
+        Self::with_mirrors_where(kernel, length_scale, centers, nugget, |_| false)
+    }
+
     fn with_mirrors_where(
         kernel: Kernel,
         length_scale: &LengthScale,

@@ -1,0 +1,113 @@
+//! What a joint filter is made of.
+
+use crate::error::{DesignError, Parameter};
+use crate::space::centers::Centers;
+use crate::space::kernel::Kernel;
+use crate::space::scaled_kernel::LengthScale;
+
+/// Deviations of the prior, which are also the scales of the features (m/s²; rad/s²).
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PriorDeviations {
+    /// σ_b, of a constant acceleration.
+    pub bias: f64,
+    /// σ_v, of an acceleration linear in the velocity, at the velocity V.
+    pub linear: f64,
+    /// σ_f, of the rest as a function of the velocity.
+    pub kernel: f64,
+    /// σ_u, of an error of the command, per unit of it (1).
+    pub input: f64,
+    /// σ_l, of the commands' lags, per unit (1).
+    pub lag: f64,
+    /// σ_d, of the fast disturbance.
+    pub disturbance: f64,
+}
+
+/// Everything that a joint filter is made of. Translation: m, s; rotation: rad, s.
+#[derive(Debug, Clone, PartialEq)]
+pub struct JointDesign {
+    /// κ; used with κ(0) = 1.
+    pub kernel: Kernel,
+    /// ℓ.
+    pub length_scale: LengthScale,
+    /// Ξ_N, on the box of the velocities.
+    pub centers: Centers,
+    /// Deviations of the prior.
+    pub prior: PriorDeviations,
+    /// τ_d of the fast disturbance (s).
+    pub disturbance_time_s: f64,
+    /// q of the acceleration's white noise ((m/s²)² s).
+    pub process_noise: f64,
+    /// T_k of the bias, the linear and the kernel's weights (s).
+    pub motion_memory_s: f64,
+    /// T_k of the weights of the command and its lags (s).
+    pub input_memory_s: f64,
+    /// τ_i of the actuators' lags (s).
+    pub lags_s: [f64; 2],
+    /// r, one deviation for each axis where the sample has none (m/s).
+    pub noise: [f64; 3],
+    /// Deviation of a position's component where the sample has none (m); `None` where there is no position.
+    pub position_noise: Option<f64>,
+    /// N_a, samples after which the noise levels follow; 0: the configured noises stand.
+    pub noise_samples: f64,
+    /// What may teach under low excitation.
+    pub excitation: ExcitationDesign,
+}
+
+/// Constants of what may teach (joint.md §3a).
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ExcitationDesign {
+    /// c, how much of the level of the corrections counts; 0: everything teaches.
+    pub correction_share: f64,
+    /// T_m of the recent mean of the features (s).
+    pub mean_time_s: f64,
+    /// T_E of the features' variation (s).
+    pub variation_time_s: f64,
+    /// ε, how fast the mean follows while nothing teaches, as a part of its own rate.
+    pub idle_rate: f64,
+}
+
+impl JointDesign {
+    pub(crate) fn check(&self) -> Result<(), DesignError> {
+        let prior = &self.prior;
+        let positive = [
+            (Parameter::Noise, "noise", self.noise[0]),
+            (Parameter::Noise, "noise", self.noise[1]),
+            (Parameter::Noise, "noise", self.noise[2]),
+            (Parameter::Noise, "position noise", self.position_noise.unwrap_or(1.0)),
+            (Parameter::Memory, "motion memory", self.motion_memory_s),
+            (Parameter::Memory, "input memory", self.input_memory_s),
+            (Parameter::Memory, "time of the disturbance", self.disturbance_time_s),
+            (Parameter::Memory, "lag", self.lags_s[0]),
+            (Parameter::Memory, "lag", self.lags_s[1]),
+            (Parameter::Excitation, "mean time", self.excitation.mean_time_s),
+            (Parameter::Excitation, "variation time", self.excitation.variation_time_s),
+        ];
+        for (parameter, name, value) in positive {
+            if !(value.is_finite() && value > 0.0) {
+                return Err(DesignError::new(parameter, format!("{name} {value}"), "a finite number > 0"));
+            }
+        }
+        let sizes = [
+            (Parameter::Prior, "bias deviation", prior.bias),
+            (Parameter::Prior, "linear deviation", prior.linear),
+            (Parameter::Prior, "kernel deviation", prior.kernel),
+            (Parameter::Prior, "input deviation", prior.input),
+            (Parameter::Prior, "lag deviation", prior.lag),
+            (Parameter::Prior, "disturbance deviation", prior.disturbance),
+            (Parameter::Noise, "process noise", self.process_noise),
+            (Parameter::Noise, "samples of noise adaptation", self.noise_samples),
+            (Parameter::Excitation, "share of the corrections", self.excitation.correction_share),
+            (Parameter::Excitation, "idle rate", self.excitation.idle_rate),
+        ];
+        for (parameter, name, value) in sizes {
+            if !(value.is_finite() && value >= 0.0) {
+                return Err(DesignError::new(parameter, format!("{name} {value}"), "a finite number ≥ 0"));
+            }
+        }
+        if self.centers.dimension() != 3 {
+            let found = format!("centers with {} coordinates", self.centers.dimension());
+            return Err(DesignError::new(Parameter::Centers, found, "three, one per output"));
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,109 @@
+//! §2a: the noise levels, which follow the innovations, and the level of the corrections.
+//!
+//! ρ scales the sensor's variance, λ the process's (q and σ_d²). Both take likelihood steps in innovation form.
+
+use serde::{Deserialize, Serialize};
+
+const SENSOR_RANGE: (f64, f64) = (0.01, 100.0);
+/// e⁻² … 100.
+const PROCESS_RANGE: (f64, f64) = (0.135_335_283_236_612_7, 100.0);
+
+/// ρ, λ, the sensitivity m, and A².
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub(crate) struct NoiseLevels {
+    /// ρ: the sensor's variance is ρ r².
+    pub(crate) sensor: f64,
+    /// ρ of the position.
+    pub(crate) position: f64,
+    /// λ: process noise λ q, disturbance λ σ_d².
+    pub(crate) process: f64,
+    /// m = ∂v̂/∂ln K.
+    pub(crate) sensitivity: [f64; 3],
+    /// A², the mean square of the corrections, as an acceleration ((m/s²)²).
+    pub(crate) corrections: f64,
+}
+
+/// What an update knows of one axis: `None` where it was not measured.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Innovation {
+    /// e.
+    pub(crate) value: f64,
+    /// P_00 before the update.
+    pub(crate) prior_variance: f64,
+    /// S = P_00 + R.
+    pub(crate) variance: f64,
+}
+
+impl Innovation {
+    /// K = P_00/S.
+    pub(crate) fn gain(&self) -> f64 {
+        self.prior_variance / self.variance
+    }
+
+    /// e²/S.
+    pub(crate) fn normalized_square(&self) -> f64 {
+        self.value * self.value / self.variance
+    }
+}
+
+impl NoiseLevels {
+    pub(crate) fn configured() -> Self {
+        Self { sensor: 1.0, position: 1.0, process: 1.0, sensitivity: [0.0; 3], corrections: 0.0 }
+    }
+
+    /// Follows the innovations of one velocity sample; Δ is the time since the sample before (s), 0 at the first.
+    ///
+    /// ```text
+    /// A² = Σ c² P_00 (1−K) (K/Δ)² max(1, λ^{−3/2})
+    /// χ = min(1, 4/ζ),  δ_S = (χ²ζ² − 1)/N_a,  δ_K = χ mean(e m/S) / max(K/(2−K), 1e-3) / N_a
+    /// ρ := clip(ρ exp(δ_S − K/max(1−K, 0.05) δ_K)),   λ := clip(λ exp(δ_S + 2 δ_K))
+    /// m := (1−K) m + K χ e
+    /// ```
+    pub(crate) fn follow(
+        &mut self,
+        innovations: &[Option<Innovation>; 3],
+        mean_square: f64,
+        (since_s, n_samples, correction_share): (f64, f64, f64),
+    ) {
+        let measured = innovations.iter().flatten();
+        let n = measured.clone().count() as f64;
+        if since_s > 0.0 {
+            let inflation = self.process.powf(-1.5).max(1.0);
+            let corrections = measured.clone().map(|innovation| {
+                let gain = innovation.gain();
+                innovation.prior_variance * (1.0 - gain) * (gain / since_s) * (gain / since_s)
+            });
+            self.corrections = correction_share * correction_share * corrections.sum::<f64>() * inflation;
+        }
+        if n_samples == 0.0 {
+            return;
+        }
+        let zeta = mean_square.sqrt();
+        let chi = if zeta > 4.0 { 4.0 / zeta } else { 1.0 };
+        let gain = measured.map(Innovation::gain).sum::<f64>() / n;
+        let each = innovations.iter().zip(&self.sensitivity);
+        let correlation = each.filter_map(|(innovation, m)| innovation.map(|i| i.value * m / i.variance));
+        let by_scale = (chi * chi * mean_square - 1.0) / n_samples;
+        let by_gain = chi * (correlation.sum::<f64>() / n) / (gain / (2.0 - gain)).max(1e-3) / n_samples;
+        let sensor = self.sensor * (by_scale - gain / (1.0 - gain).max(0.05) * by_gain).exp();
+        let process = self.process * (by_scale + 2.0 * by_gain).exp();
+        self.sensor = sensor.clamp(SENSOR_RANGE.0, SENSOR_RANGE.1);
+        self.process = process.clamp(PROCESS_RANGE.0, PROCESS_RANGE.1);
+        for (m, innovation) in self.sensitivity.iter_mut().zip(innovations) {
+            if let Some(innovation) = innovation {
+                let gain = innovation.gain();
+                *m = (1.0 - gain) * *m + gain * chi * innovation.value;
+            }
+        }
+    }
+
+    /// Follows one component of a position fix: `ρ := clip(ρ exp((1−K)(χ²ζ² − 1)/N_a))`. With K near 1 the innovation
+    /// is the dead reckoning's and tells nothing of the sensor.
+    pub(crate) fn follow_position(&mut self, innovation: &Innovation, n_samples: f64) {
+        if n_samples > 0.0 {
+            let square = innovation.normalized_square().min(16.0);
+            let step = (1.0 - innovation.gain()) * (square - 1.0) / n_samples;
+            self.position = (self.position * step.exp()).clamp(SENSOR_RANGE.0, SENSOR_RANGE.1);
+        }
+    }
+}

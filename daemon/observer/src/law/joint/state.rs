@@ -1,0 +1,108 @@
+//! What the joint filter estimates, and all that its future depends on.
+
+use super::command::CommandStatistics;
+use super::covariance::Covariance;
+use super::excitation::Excitation;
+use super::lags::Lags;
+use super::noise_levels::NoiseLevels;
+use super::rows::{KERNEL, POSITION, VELOCITY, WEIGHTS};
+use super::stray::StraySamples;
+use serde::{Deserialize, Serialize};
+
+/// All that the filter's future depends on.
+#[derive(Debug, Clone, PartialEq)]
+pub struct JointState {
+    /// X, one column for each axis, of whole lanes.
+    pub(crate) mean: [Vec<f64>; 3],
+    /// P of each axis; only the first is in use while they are shared.
+    pub(crate) covariances: [Covariance; 3],
+    pub(crate) excitation: Excitation,
+    /// All that has a fixed size.
+    pub(crate) scalars: JointScalars,
+}
+
+/// The part of a [`JointState`] that has a fixed size.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub(crate) struct JointScalars {
+    /// Whether a first output was seen.
+    pub(crate) is_started: bool,
+    /// Whether one covariance stands for all axes.
+    pub(crate) is_shared: bool,
+    pub(crate) stray_velocities: StraySamples,
+    pub(crate) stray_positions: StraySamples,
+    /// Components of the position that a fix has set.
+    pub(crate) position_is_known: [bool; 3],
+    pub(crate) noise_levels: NoiseLevels,
+    pub(crate) lags: Lags,
+    pub(crate) command: CommandStatistics,
+}
+
+impl JointState {
+    /// Becomes equal to another state of the same filter. No allocation.
+    pub fn copy_from(&mut self, other: &Self) {
+        for (own, other) in self.mean.iter_mut().zip(&other.mean) {
+            own.copy_from_slice(other);
+        }
+        let n_covariances = if other.scalars.is_shared { 1 } else { 3 };
+        for (own, other) in self.covariances.iter_mut().zip(&other.covariances).take(n_covariances) {
+            own.copy_from(other);
+        }
+        self.excitation.copy_from(&other.excitation);
+        self.scalars = other.scalars;
+    }
+
+    /// P of one axis.
+    pub(crate) fn covariance(&self, axis: usize) -> &Covariance {
+        &self.covariances[if self.scalars.is_shared { 0 } else { axis }]
+    }
+
+    /// Whether a first output was seen.
+    pub fn is_started(&self) -> bool {
+        self.scalars.is_started
+    }
+
+    pub(crate) fn covariances_in_use_mut(&mut self) -> &mut [Covariance] {
+        let n_covariances = if self.scalars.is_shared { 1 } else { 3 };
+        &mut self.covariances[..n_covariances]
+    }
+
+    /// v̂ (m/s; rad/s).
+    pub fn velocity(&self) -> [f64; 3] {
+        self.row(VELOCITY)
+    }
+
+    /// r̂ (m).
+    pub fn position(&self) -> [f64; 3] {
+        self.row(POSITION)
+    }
+
+    fn row(&self, row: usize) -> [f64; 3] {
+        std::array::from_fn(|axis| self.mean[axis][row])
+    }
+
+    /// √P of the velocity, one for each axis (m/s; rad/s).
+    pub fn velocity_std(&self) -> [f64; 3] {
+        std::array::from_fn(|axis| self.covariance(axis).at(VELOCITY, VELOCITY).max(0.0).sqrt())
+    }
+
+    /// √P of the position, one for each axis (m).
+    pub fn position_std(&self) -> [f64; 3] {
+        std::array::from_fn(|axis| self.covariance(axis).at(POSITION, POSITION).max(0.0).sqrt())
+    }
+
+    /// ‖θ‖.
+    pub fn weights_norm(&self) -> f64 {
+        let weights = |column: &Vec<f64>| -> f64 {
+            let theta = column[WEIGHTS..POSITION].iter().chain(&column[KERNEL..]);
+            theta.map(|weight| weight * weight).sum()
+        };
+        self.mean.iter().map(weights).sum::<f64>().sqrt()
+    }
+
+    /// tr P_θθ of one axis.
+    pub fn weights_trace(&self, axis: usize) -> f64 {
+        let covariance = self.covariance(axis);
+        let rows = (WEIGHTS..POSITION).chain(KERNEL..self.mean[0].len());
+        rows.map(|row| covariance.at(row, row)).sum()
+    }
+}

@@ -1,0 +1,222 @@
+//! §2: an update with a measured row of the state.
+//!
+//! ```text
+//! e = y − X_0,  R = ρ r²,  S = P_00 + R,  K = P_00/S,  ζ = √(mean e²/S)
+//! p = P_{·0},  S_w = S · max(1, ζ/4)            a stray sample counts as a noisier one
+//! X += (p/S_w) eᵀ
+//! P −= p pᵀ/S_w, and row and column 0 := p (S_w − P_00)/S_w
+//! ```
+
+use super::covariance::Covariance;
+use super::filter::JointFilter;
+use super::noise_levels::Innovation;
+use super::rows::{DISTURBANCE, POSITION, VELOCITY};
+use super::state::JointState;
+use super::stray::STRAY;
+use super::teaches::Teaches;
+
+/// How well a sample agrees with the prediction.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Agreement {
+    /// Mean of e²/S over the measured axes: 1 in the mean where the noises are right.
+    pub nis: f64,
+    /// Whether ζ > 4.
+    pub is_stray: bool,
+}
+
+impl JointFilter {
+    /// Takes a velocity, `since_s` after the one before (0 at the first). Deviations are those of the sample, without ρ.
+    /// A first one begins the filter: v̂ = y, `P_00 = r²`; an axis that it does not measure may have any velocity.
+    ///
+    /// # Cost
+    /// n² multiply-adds (3n² where the axes differ); no allocation.
+    pub fn update_velocity(
+        &mut self,
+        state: &mut JointState,
+        velocity: &[Option<f64>; 3],
+        deviations: &[f64; 3],
+        since_s: f64,
+        teaches: Teaches,
+    ) -> Option<Agreement> {
+        velocity.iter().flatten().next()?;
+        separate_axes(state, velocity, deviations);
+        if !state.scalars.is_started {
+            state.scalars.is_started = true;
+            for axis in 0..3 {
+                let deviation = match velocity[axis] {
+                    Some(y) => {
+                        state.mean[axis][VELOCITY] = y;
+                        deviations[axis]
+                    }
+                    None => self.largest_half_width,
+                };
+                state.covariances[axis].set(VELOCITY, VELOCITY, deviation * deviation);
+            }
+        }
+        let noise = state.scalars.noise_levels.sensor;
+        let innovations = innovations(state, VELOCITY, velocity, deviations, noise);
+        let nis = mean_of(&innovations, Innovation::normalized_square);
+        let adaptation = (since_s, self.design.noise_samples, self.design.excitation.correction_share);
+        state.scalars.noise_levels.follow(&innovations, nis, adaptation);
+        let is_new = state.scalars.stray_velocities.count(nis);
+        self.update_row(state, VELOCITY, &innovations, Weighing::of(&innovations, nis, is_new), teaches);
+        Some(Agreement { nis, is_stray: nis > STRAY * STRAY })
+    }
+
+    /// Takes a position fix, any of its components; the first one of a component sets it.
+    ///
+    /// # Cost
+    /// As [`JointFilter::update_velocity`].
+    pub fn update_position(
+        &mut self,
+        state: &mut JointState,
+        position: &[Option<f64>; 3],
+        deviations: &[f64; 3],
+        teaches: Teaches,
+    ) -> Option<Agreement> {
+        position.iter().flatten().next()?;
+        separate_axes(state, position, deviations);
+        for axis in 0..3 {
+            let Some(fix) = position[axis].filter(|_| !state.scalars.position_is_known[axis]) else {
+                continue;
+            };
+            state.scalars.position_is_known[axis] = true;
+            state.mean[axis][POSITION] = fix;
+            let covariance = &mut state.covariances[axis];
+            self.column.fill(0.0);
+            self.column[POSITION] = deviations[axis] * deviations[axis];
+            covariance.set_cross(POSITION, &self.column);
+        }
+        let noise = state.scalars.noise_levels.position;
+        let innovations = innovations(state, POSITION, position, deviations, noise);
+        let nis = mean_of(&innovations, Innovation::normalized_square);
+        for innovation in innovations.iter().flatten() {
+            state.scalars.noise_levels.follow_position(innovation, self.design.noise_samples);
+        }
+        let is_new = state.scalars.stray_positions.count(nis);
+        self.update_row(state, POSITION, &innovations, Weighing::of(&innovations, nis, is_new), teaches);
+        Some(Agreement { nis, is_stray: nis > STRAY * STRAY })
+    }
+
+    fn update_row(
+        &mut self,
+        state: &mut JointState,
+        row: usize,
+        innovations: &[Option<Innovation>; 3],
+        weighing: Weighing,
+        teaches: Teaches,
+    ) {
+        let is_shared = state.scalars.is_shared;
+        for (axis, innovation) in innovations.iter().enumerate() {
+            let Some(innovation) = innovation else { continue };
+            if axis == 0 || !is_shared {
+                let covariance = &mut state.covariances[axis];
+                covariance.add_to_diagonal(row, weighing.surprise);
+                self.column.copy_from_slice(covariance.row(row));
+                let variance = (innovation.variance + weighing.surprise) * weighing.factor;
+                self.gain_column(variance);
+                self.update_covariance(covariance, row, variance, teaches);
+            }
+            // X += (p/S_w) e.
+            let mean = &mut state.mean[axis];
+            match teaches {
+                Teaches::All => {
+                    for (x, gain) in mean.iter_mut().zip(&self.product) {
+                        *x += gain * innovation.value;
+                    }
+                }
+                Teaches::State => {
+                    for row in [VELOCITY, DISTURBANCE, POSITION] {
+                        mean[row] += self.product[row] * innovation.value;
+                    }
+                }
+            }
+        }
+    }
+
+    /// p/S_w into `self.product`.
+    fn gain_column(&mut self, variance: f64) {
+        for (gain, p) in self.product.iter_mut().zip(&self.column) {
+            *gain = p / variance;
+        }
+    }
+
+    /// P −= p pᵀ/S_w; nothing cancels in the measured row. Where the weights are not taught, their gain is 0 (Schmidt), and
+    /// their own covariance stays.
+    fn update_covariance(
+        &mut self,
+        covariance: &mut Covariance,
+        row: usize,
+        variance: f64,
+        teaches: Teaches,
+    ) {
+        let root = variance.sqrt();
+        let (p, g) = (&self.column, &mut self.teaching);
+        for (g, p) in g.iter_mut().zip(p) {
+            *g = p / root;
+        }
+        match teaches {
+            Teaches::All => covariance.subtract_square(self.unit, g),
+            Teaches::State => {
+                let state_rows = [VELOCITY, DISTURBANCE, POSITION];
+                for (position, &i) in state_rows.iter().enumerate() {
+                    for j in (0..self.n).filter(|j| !state_rows[..position].contains(j)) {
+                        covariance.set(i, j, covariance.at(i, j) - g[i] * g[j]);
+                    }
+                }
+            }
+        }
+        let remaining = (variance - p[row]) / variance;
+        for (g, p) in g.iter_mut().zip(p) {
+            *g = p * remaining;
+        }
+        covariance.set_cross(row, g);
+    }
+}
+
+/// How a sample enters that may be stray.
+#[derive(Debug, Clone, Copy)]
+struct Weighing {
+    /// S_w/S.
+    factor: f64,
+    /// What is added to P_00 because the vehicle does something new.
+    surprise: f64,
+}
+
+impl Weighing {
+    fn of(innovations: &[Option<Innovation>; 3], nis: f64, is_new: bool) -> Self {
+        match is_new {
+            true => Self { factor: 1.0, surprise: mean_of(innovations, |i| i.value * i.value) },
+            false => Self { factor: (nis.sqrt() / STRAY).max(1.0), surprise: 0.0 },
+        }
+    }
+}
+
+/// Gives each axis a covariance of its own where their noises or validities begin to differ. No allocation.
+fn separate_axes(state: &mut JointState, measured: &[Option<f64>; 3], deviations: &[f64; 3]) {
+    let differ = measured.iter().any(Option::is_none) || deviations.iter().any(|r| *r != deviations[0]);
+    if state.scalars.is_shared && differ {
+        let [shared, others @ ..] = &mut state.covariances;
+        others.iter_mut().for_each(|covariance| covariance.copy_from(shared));
+        state.scalars.is_shared = false;
+    }
+}
+
+fn innovations(
+    state: &JointState,
+    row: usize,
+    measured: &[Option<f64>; 3],
+    deviations: &[f64; 3],
+    noise_level: f64,
+) -> [Option<Innovation>; 3] {
+    std::array::from_fn(|axis| {
+        let prior_variance = state.covariance(axis).at(row, row);
+        let variance = prior_variance + noise_level * deviations[axis] * deviations[axis];
+        measured[axis].map(|y| Innovation { value: y - state.mean[axis][row], prior_variance, variance })
+    })
+}
+
+fn mean_of(innovations: &[Option<Innovation>; 3], value: impl Fn(&Innovation) -> f64) -> f64 {
+    let measured = innovations.iter().flatten();
+    measured.clone().map(value).sum::<f64>() / measured.count() as f64
+}

@@ -1,0 +1,194 @@
+//! The attitude beside the joint filter: a unit quaternion, with a multiplicative Kalman filter of its error and of the
+//! gyroscope's bias.
+//!
+//! ```text
+//! q = q̂ ⊗ exp(½ δθ),   b = b̂ + δb            δθ: rotation vector, body axes
+//! δθ' = −ω̂ × δθ − δb + n,   δb' = n_b          n: the deviation of ω̂
+//! ```
+//!
+//! | symbol | name | shape | unit |
+//! |---|---|---|---|
+//! | q̂ | `attitude` | | body to inertial |
+//! | b̂ | `bias_rad_s` | 3 | rad/s |
+//! | P | `covariance` | 6×6 | rad², rad²/s, rad²/s² |
+//!
+//! # Source
+//! Markley, F. L. (2003). Attitude error representations for Kalman filtering. J. Guidance, Control, and Dynamics 26(2).
+
+use nalgebra::{Matrix3, Matrix6, Matrix6x3, UnitQuaternion, Vector3};
+use serde::{Deserialize, Serialize};
+
+/// A fix further off than this many deviations counts as a noisier one.
+const STRAY: f64 = 4.0;
+/// Deviation of an attitude that nobody told of (rad).
+const UNKNOWN_STD_RAD: f64 = std::f64::consts::PI;
+
+/// What is integrated from the velocity beside the filter: an attitude, or nothing.
+pub trait JointPose: Copy {
+    /// The pose after a step of h, over which the velocity went from one to another with these deviations.
+    fn after(&self, velocities: (&Vector3<f64>, &Vector3<f64>), std: &[f64; 3], h_s: f64) -> Self;
+}
+
+/// The position is a row of the filter.
+impl JointPose for () {
+    fn after(&self, _: (&Vector3<f64>, &Vector3<f64>), _: &[f64; 3], _: f64) {}
+}
+
+/// q̂, b̂ and P.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct AttitudeFilter {
+    /// q̂, body to inertial.
+    pub attitude: UnitQuaternion<f64>,
+    /// b̂, body axes (rad/s).
+    pub bias_rad_s: Vector3<f64>,
+    covariance: Matrix6<f64>,
+    /// Variance per time of the bias's random walk ((rad/s)²/s); 0: the gyroscope has none.
+    bias_density: f64,
+    is_known: bool,
+}
+
+impl AttitudeFilter {
+    /// The attitude at the start, if it is known; a bias of this prior deviation (rad/s) and random walk (rad/s/√s).
+    pub fn new(start: Option<UnitQuaternion<f64>>, bias_std_rad_s: f64, bias_walk_rad_s_sqrt_s: f64) -> Self {
+        let attitude_std = if start.is_some() { 0.0 } else { UNKNOWN_STD_RAD };
+        let mut covariance = Matrix6::zeros();
+        for i in 0..3 {
+            covariance[(i, i)] = attitude_std * attitude_std;
+            covariance[(i + 3, i + 3)] = bias_std_rad_s * bias_std_rad_s;
+        }
+        Self {
+            attitude: start.unwrap_or_default(),
+            bias_rad_s: Vector3::zeros(),
+            covariance,
+            bias_density: bias_walk_rad_s_sqrt_s * bias_walk_rad_s_sqrt_s,
+            is_known: start.is_some(),
+        }
+    }
+
+    /// Whether an initial attitude or a fix was ever given.
+    pub fn is_known(&self) -> bool {
+        self.is_known
+    }
+
+    /// 1 σ of the rotation vector of the error, body axes (rad).
+    pub fn std_rad(&self) -> [f64; 3] {
+        std::array::from_fn(|axis| self.covariance[(axis, axis)].max(0.0).sqrt())
+    }
+
+    /// Takes a fix of either sign with these deviations of its rotation vector, body axes (rad).
+    ///
+    /// `e = log(q̂⁻¹ ⊗ q_fix)`, H = (I 0), a Joseph update; then q̂ := q̂ ⊗ exp(½ δθ).
+    pub fn take_fix(&mut self, fix: &UnitQuaternion<f64>, std_rad: &[f64; 3]) {
+        let noise = Matrix3::from_diagonal(&Vector3::from(*std_rad).map(|std| std * std));
+        if !self.is_known {
+            (self.attitude, self.is_known) = (*fix, true);
+            self.covariance.fixed_view_mut::<3, 3>(0, 0).copy_from(&noise);
+            self.covariance.fixed_view_mut::<3, 3>(0, 3).fill(0.0);
+            self.covariance.fixed_view_mut::<3, 3>(3, 0).fill(0.0);
+            return;
+        }
+        let error = (self.attitude.inverse() * fix).scaled_axis();
+        let prior = self.covariance.fixed_view::<3, 3>(0, 0).into_owned();
+        let Some(weight) =
+            (prior + noise).try_inverse().map(|inverse| (error.dot(&(inverse * error)) / 3.0).sqrt())
+        else {
+            return;
+        };
+        // A stray fix counts as a noisier one.
+        let factor = (weight / STRAY).max(1.0);
+        let noise = factor * (prior + noise) - prior;
+        let Some(inverse) = (prior + noise).try_inverse() else { return };
+        let cross: Matrix6x3<f64> = self.covariance.fixed_view::<6, 3>(0, 0).into_owned();
+        let gain = cross * inverse;
+        let mut remaining = Matrix6::identity();
+        let mut measured = remaining.fixed_view_mut::<6, 3>(0, 0);
+        measured -= gain;
+        self.covariance =
+            remaining * self.covariance * remaining.transpose() + gain * noise * gain.transpose();
+        self.symmetrize();
+        let correction = gain * error;
+        self.attitude *= UnitQuaternion::new(correction.fixed_rows::<3>(0).into_owned());
+        self.bias_rad_s += correction.fixed_rows::<3>(3);
+    }
+
+    fn symmetrize(&mut self) {
+        for i in 0..6 {
+            for j in 0..i {
+                let mean = 0.5 * (self.covariance[(i, j)] + self.covariance[(j, i)]);
+                (self.covariance[(i, j)], self.covariance[(j, i)]) = (mean, mean);
+            }
+        }
+    }
+}
+
+impl JointPose for AttitudeFilter {
+    /// q̂ := q̂ ⊗ exp(½ h ω̄), ω̄ the mean of ω̂ over the step; P := Φ P Φᵀ + Q.
+    fn after(&self, (before, after): (&Vector3<f64>, &Vector3<f64>), std: &[f64; 3], h_s: f64) -> Self {
+        if h_s == 0.0 {
+            return *self;
+        }
+        let mut next = *self;
+        let turn = UnitQuaternion::new(0.5 * h_s * (before + after));
+        next.attitude *= turn;
+        let mut transition = Matrix6::identity();
+        let turned = turn.inverse().to_rotation_matrix();
+        transition.fixed_view_mut::<3, 3>(0, 0).copy_from(turned.matrix());
+        transition.fixed_view_mut::<3, 3>(0, 3).copy_from(&(-h_s * Matrix3::identity()));
+        next.covariance = transition * self.covariance * transition.transpose();
+        for (axis, std) in std.iter().enumerate() {
+            next.covariance[(axis, axis)] += (std * h_s) * (std * h_s);
+            next.covariance[(axis + 3, axis + 3)] += self.bias_density * h_s;
+        }
+        next.symmetrize();
+        next
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A rate sensor with a constant bias, noise, and noisy fixes at 10 Hz: the bias is found, and the errors are as large
+    /// as their deviations say.
+    #[test]
+    fn fixes_tell_the_bias_and_the_deviations_are_honest() {
+        let mut seed = 7_u64;
+        let mut normal = || {
+            (0..12)
+                .map(|_| {
+                    seed =
+                        seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+                    (seed >> 11) as f64 / (1_u64 << 53) as f64
+                })
+                .sum::<f64>()
+                - 6.0
+        };
+        let (rate_std, fix_std, h) = (0.01, 0.02, 0.01);
+        let mut squares = 0.0;
+        let runs = 60;
+        for _ in 0..runs {
+            let bias = Vector3::from_fn(|_, _| 0.02 * normal());
+            let mut truth = UnitQuaternion::identity();
+            let mut filter = AttitudeFilter::new(None, 0.02, 0.0);
+            for j in 0..2000 {
+                let t = f64::from(j) * h;
+                let rate = Vector3::new(t.sin(), 0.7 * (1.3 * t).cos(), -0.4);
+                if j % 10 == 0 {
+                    let error = Vector3::from_fn(|_, _| fix_std * normal());
+                    filter.take_fix(&(truth * UnitQuaternion::new(error)), &[fix_std; 3]);
+                }
+                let noise = Vector3::from_fn(|_, _| rate_std * normal());
+                let measured = rate + bias + noise - filter.bias_rad_s;
+                truth *= UnitQuaternion::new(h * rate);
+                filter = filter.after((&measured, &measured), &[rate_std; 3], h);
+            }
+            let error = (filter.attitude.inverse() * truth).scaled_axis();
+            let both = nalgebra::Vector6::from_iterator(
+                error.iter().chain((bias - filter.bias_rad_s).iter()).copied(),
+            );
+            squares += (both.transpose() * filter.covariance.try_inverse().unwrap() * both)[0];
+        }
+        // χ² of 360 degrees of freedom: its 95 % band is 309 … 414.
+        assert!((309.0..414.0).contains(&squares), "{squares}");
+    }
+}
