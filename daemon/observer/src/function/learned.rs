@@ -163,4 +163,4 @@ impl<const M: usize> LearnedFunction<M> {
 }
 
 #[cfg(test)]
-pub(crate) mod tests;
+mod tests;
