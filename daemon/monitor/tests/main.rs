@@ -1,7 +1,7 @@
 //! The monitor against made-up models, against real services, and against what public readers make of its files.
 //!
 //! One program for all of them: it is linked once. Cargo builds `monitor` for it, but neither the service nor the
-//! simulator: this program plays them (`testkit::Program::played`).
+//! simulator: this program plays them (`testkit::Program::Played`).
 
 mod across_domains;
 mod lines;
