@@ -49,7 +49,7 @@ impl FlightArguments {
     /// What cannot be read, or is too short.
     pub(crate) fn read(&self) -> anyhow::Result<Replay> {
         let importer = self.import.importer()?;
-        let config = match (&self.config, &self.preset, importer.name()) {
+        let config = match (&self.config, &self.preset, importer.format().name) {
             (Some(path), _, _) => ConfigFile::read(path)?,
             (None, Some(name), _) => ConfigFile::preset(name)?,
             (None, None, "acsl") => ConfigFile::preset("acsl-x8")?,
