@@ -23,7 +23,7 @@ use iceoryx2::prelude::ipc;
 use serde::Serialize;
 use shared_types::clock::monotonic_ns;
 use shared_types::payload::{Estimate, Measurement};
-use shared_types::service::{self, Node, ServiceError, Services, Topic};
+use shared_types::service::{self, Node, ServiceError, Services};
 use shared_types::{Domain, LatencySummary, outln};
 use std::ffi::OsString;
 use std::hint::black_box;
@@ -205,7 +205,8 @@ impl BareExchange {
         };
         let samples = services.open::<Measurement>()?;
         let _making = domain.lock_for_making()?;
-        let (samples, estimates) = (publisher(&samples)?, subscriber(&estimates)?);
+        let samples = samples.publisher_builder().create().map_err(bare_error)?;
+        let estimates = estimates.subscriber_builder().create().map_err(bare_error)?;
         Ok(Self { samples, estimates, _node: node })
     }
 }
@@ -227,18 +228,6 @@ fn bare_error(error: impl std::fmt::Debug) -> anyhow::Error {
     anyhow!("bare iceoryx2: {error:?}")
 }
 
-fn publisher<T: iceoryx2::prelude::ZeroCopySend + std::fmt::Debug>(
-    topic: &Topic<T>,
-) -> anyhow::Result<Publisher<ipc::Service, T, ()>> {
-    topic.publisher_builder().create().map_err(bare_error)
-}
-
-fn subscriber<T: iceoryx2::prelude::ZeroCopySend + std::fmt::Debug>(
-    topic: &Topic<T>,
-) -> anyhow::Result<Subscriber<ipc::Service, T, ()>> {
-    topic.subscriber_builder().create().map_err(bare_error)
-}
-
 /// The other side of the bare way, a process of its own: `bench echo --root PATH`. It answers every sample
 /// with an estimate, polling, until it is told to end.
 ///
@@ -255,11 +244,11 @@ pub(crate) fn echo(arguments: &[OsString]) -> anyhow::Result<()> {
         let _making = domain.lock_for_making()?;
         service::node(&domain, "echo")?
     };
-    let (samples, estimates) = {
-        let _making = domain.lock_for_making()?;
-        let services = Services::of(&node, BARE)?;
-        (subscriber(&services.make::<Measurement>()?)?, publisher(&services.make::<Estimate>()?)?)
-    };
+    let services = Services::of(&node, BARE)?;
+    let making = domain.lock_for_making()?;
+    let samples = services.make::<Measurement>()?.subscriber_builder().create().map_err(bare_error)?;
+    let estimates = services.make::<Estimate>()?.publisher_builder().create().map_err(bare_error)?;
+    drop(making);
     while !stop.load(Ordering::Relaxed) {
         let Some(sample) = samples.receive().map_err(bare_error)? else { continue };
         let sample = black_box(*sample);
