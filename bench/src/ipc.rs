@@ -14,8 +14,9 @@ use crate::harness::exchange::{Exchange, MovingVehicle, Reply, ServiceExchange, 
 use crate::harness::latency::{HEADER, cells, summary};
 use crate::harness::machine::Machine;
 use crate::harness::output::{progress_bar, say_if_stopped, show, table, three_digits, warn_of_debug_build};
-use crate::harness::processes::{Child, OwnDomain, PATIENCE, ServiceSettings, stop_flag};
+use crate::harness::processes::{Child, OwnDomain, PATIENCE, ServiceSettings};
 use anyhow::{Context, anyhow, bail};
+use command_line::stop_flag;
 use daemon::config::PRESETS;
 use iceoryx2::port::publisher::Publisher;
 use iceoryx2::port::subscriber::Subscriber;

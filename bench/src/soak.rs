@@ -4,9 +4,10 @@
 use crate::harness::latency::{HEADER, cells};
 use crate::harness::options::{parse_rate_hz, parse_seconds};
 use crate::harness::output::{show, table};
-use crate::harness::processes::{Child, OwnDomain, PATIENCE, stop_flag};
+use crate::harness::processes::{Child, OwnDomain, PATIENCE};
 use anyhow::{Context, ensure};
 use clap::builder::RangedU64ValueParser;
+use command_line::stop_flag;
 use serde::Serialize;
 use shared_types::payload::{Status, command};
 use shared_types::{Client, LatencySummary, outln};

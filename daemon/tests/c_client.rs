@@ -2,7 +2,6 @@
 //! programs in C and C++ compiled with every warning an error.
 
 use crate::common::{Ended, PATIENCE, TestDomain, preset_between, run_daemon, wait_until};
-use iceoryx2::prelude::*;
 use observer_client::*;
 use rustix::process::Signal;
 use shared_types::payload::{Reply, command, outcome};
@@ -252,29 +251,6 @@ fn what_a_thread_leaves_open_is_closed_when_it_ends() {
     }
     assert_eq!(daemon.stop().code, Some(0));
     domain.assert_clean();
-}
-
-/// Another version of the payload under the same service name.
-#[repr(C)]
-#[derive(Debug, Clone, Copy, ZeroCopySend)]
-#[type_name("observer.Estimate.v999")]
-struct OtherEstimate {
-    value: f64,
-}
-
-#[test]
-fn a_service_of_another_type_is_refused_with_the_reason() {
-    let domain = TestDomain::new();
-    let node = {
-        let _making = domain.domain.lock_for_making().unwrap();
-        service::node(&domain.domain, "intruder").unwrap()
-    };
-    let name = "vehicle/estimate".try_into().unwrap();
-    let _held = node.service_builder(&name).publish_subscribe::<OtherEstimate>().create().unwrap();
-    let (result, handle) = c::open(domain.root(), VEHICLE, 10.0);
-    assert_eq!((result, handle), (CallResult::Refused, NONE));
-    let text = c::error_text();
-    assert!(text.contains("vehicle/estimate") && text.contains("another version of the payload"), "{text}");
 }
 
 #[test]

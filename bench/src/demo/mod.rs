@@ -18,10 +18,10 @@ mod recording;
 mod report;
 
 use crate::harness::output::{say_if_stopped, show};
-use crate::harness::processes::stop_flag;
 use crate::plot::Figure;
 use anyhow::{Context, ensure};
 use clap::Args;
+use command_line::stop_flag;
 use daemon::assemble;
 use daemon::config::ConfigFile;
 use errors::{Quantity, RmsMax, Run};

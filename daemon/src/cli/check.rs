@@ -43,7 +43,6 @@ fn document(file: &ConfigFile, checks: &[ChannelCheck]) -> Value {
     json!({ "configuration": file.name(), "channels": channels })
 }
 
-/// A matrix as its rows.
 fn rows(matrix: &nalgebra::DMatrix<f64>) -> Vec<Vec<f64>> {
     matrix.row_iter().map(|row| row.iter().copied().collect()).collect()
 }

@@ -23,7 +23,6 @@ impl<const M: usize, const S: usize> Learned<M, S> {
         self.scalars = [0.0; S];
     }
 
-    /// How many numbers it is.
     pub(crate) fn n_numbers(&self) -> usize {
         self.runs.iter().map(Vec::len).sum::<usize>() + S
     }
