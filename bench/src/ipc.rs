@@ -60,9 +60,6 @@ pub(crate) struct IpcArguments {
 }
 
 /// Runs `bench ipc`. Pins the calling thread to its core and the other side to another one.
-///
-/// # Errors
-/// Fewer than two cores, a process that does not start or answer, shared memory that cannot be used.
 pub(crate) fn run(arguments: &IpcArguments) -> anyhow::Result<()> {
     warn_of_debug_build();
     let stop = stop_flag()?;
@@ -231,9 +228,6 @@ fn bare_error(error: impl std::fmt::Debug) -> anyhow::Error {
 
 /// The other side of the bare way, a process of its own: `bench echo --root PATH`. It answers every sample
 /// with an estimate, polling, until it is told to end.
-///
-/// # Errors
-/// Other arguments; shared memory that cannot be used.
 pub(crate) fn echo(arguments: &[OsString]) -> anyhow::Result<()> {
     let [option, root] = arguments else { bail!("needed: echo --root PATH") };
     if option != "--root" {

@@ -76,10 +76,6 @@ impl Mode {
 }
 
 /// Runs `bench jitter`.
-///
-/// # Errors
-/// A cyclictest that is installed and fails. What the system does not grant is no error: its rows are null, with the
-/// reason.
 pub(crate) fn run(arguments: &JitterArguments) -> anyhow::Result<()> {
     warn_of_debug_build();
     let stop = stop_flag()?;

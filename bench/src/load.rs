@@ -50,9 +50,6 @@ pub(crate) struct LoadArguments {
 }
 
 /// Runs `bench load`.
-///
-/// # Errors
-/// A process that does not start, shared memory that cannot be used.
 pub(crate) fn run(arguments: &LoadArguments) -> anyhow::Result<()> {
     warn_of_debug_build();
     let seconds = if arguments.quick { 0.3 } else { arguments.seconds };

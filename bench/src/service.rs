@@ -87,10 +87,6 @@ pub(crate) struct ServiceArguments {
 }
 
 /// Runs `bench service`.
-///
-/// # Errors
-/// Fewer than two cores, a service that does not start, shared memory that cannot be used, a plot that
-/// cannot be written.
 pub(crate) fn run(arguments: &ServiceArguments) -> anyhow::Result<()> {
     if let Some(file) = &arguments.plot {
         plot::check_target(file)?;

@@ -68,9 +68,6 @@ struct Report {
 }
 
 /// Runs `bench soak`.
-///
-/// # Errors
-/// A process does not start; a sample is neither used nor counted; memory grows.
 pub(crate) fn run(arguments: &SoakArguments) -> anyhow::Result<()> {
     let stop = stop_flag()?;
     let domain = OwnDomain::new()?;

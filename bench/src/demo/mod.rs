@@ -87,9 +87,6 @@ fn preset_of(scenario: Scenario) -> &'static str {
 }
 
 /// Runs `bench demo`.
-///
-/// # Errors
-/// A process does not start or fails; shared memory or the output directory cannot be used.
 pub(crate) fn run(arguments: &DemoArguments) -> anyhow::Result<()> {
     ensure!(
         arguments.duration.is_finite() && arguments.duration >= 1.0,

@@ -44,9 +44,6 @@ impl FlightArguments {
     }
 
     /// Reads both; of the flight the part in the air, where its format tells.
-    ///
-    /// # Errors
-    /// What cannot be read, or is too short.
     pub(crate) fn read(&self) -> anyhow::Result<Replay> {
         let importer = self.import.importer()?;
         let config = match (&self.config, &self.preset, importer.format().name) {

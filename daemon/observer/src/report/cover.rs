@@ -61,7 +61,7 @@ impl NativeSpace {
 }
 
 /// What another length scale would do to a space.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, serde::Serialize)]
 pub struct LengthScaleEffect {
     /// Times the length scale of the design.
     pub factor: f64,
