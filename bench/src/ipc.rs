@@ -11,9 +11,9 @@
 //! measured is stopped (SIGSTOP), so that it does not compete for the other's core.
 
 use crate::harness::exchange::{Exchange, MovingVehicle, Reply, ServiceExchange, Trip, connect, round_trip};
-use crate::harness::latency::{HEADER, cells, summary};
+use crate::harness::latency::{latency_table, summary};
 use crate::harness::machine::Machine;
-use crate::harness::output::{progress_bar, say_if_stopped, show, table, three_digits, warn_of_debug_build};
+use crate::harness::output::{progress_bar, say_if_stopped, show, three_digits, warn_of_debug_build};
 use crate::harness::processes::{Child, OwnDomain, PATIENCE, ServiceSettings};
 use anyhow::{Context, anyhow, bail};
 use command_line::stop_flag;
@@ -322,19 +322,18 @@ impl<'a> Report<'a> {
         };
         let (core, preset) = (self.other_core, self.preset);
         outln!("the other side on core {core}; service with preset {preset}; samples {pause}");
-        let row = |name: &str, found| [vec![name.to_owned()], cells(Some(found)).to_vec()].concat();
         let (service, bare) = (&self.service_one_way, &self.bare_one_way);
         let rows = [
-            row("service: round trip", self.service_ns),
-            row("  sample's stamp until the service has it", service.there_ns),
-            row("  judged, stepped, until just before publication", service.inside_ns),
-            row("  publication until the client has it", service.back_ns),
-            row("bare: round trip", self.bare_ns),
-            row("  sample's stamp until the echo has it", bare.there_ns),
-            row("  until just before publication", bare.inside_ns),
-            row("  publication until the client has it", bare.back_ns),
+            ("service: round trip", self.service_ns),
+            ("  sample's stamp until the service has it", service.there_ns),
+            ("  judged, stepped, until just before publication", service.inside_ns),
+            ("  publication until the client has it", service.back_ns),
+            ("bare: round trip", self.bare_ns),
+            ("  sample's stamp until the echo has it", bare.there_ns),
+            ("  until just before publication", bare.inside_ns),
+            ("  publication until the client has it", bare.back_ns),
         ];
-        outln!("{}", table(&[["µs"].as_slice(), &HEADER].concat(), 1, rows));
+        outln!("{}", latency_table("µs", rows));
         let ratio = three_digits(self.service_over_bare_median);
         outln!("median of the service's round trip over the bare one: {ratio}");
     }

@@ -1,9 +1,9 @@
 //! `bench soak`: the service for a long time beside processes that load all cores. The command fails where a sample is
 //! neither used nor counted, where an estimate is not finite, or where memory grows.
 
-use crate::harness::latency::{HEADER, cells};
+use crate::harness::latency::latency_table;
 use crate::harness::options::{parse_rate_hz, parse_seconds};
-use crate::harness::output::{show, table};
+use crate::harness::output::show;
 use crate::harness::processes::{Child, OwnDomain, PATIENCE};
 use anyhow::{Context, ensure};
 use clap::builder::RangedU64ValueParser;
@@ -229,8 +229,7 @@ fn print(report: &Report) {
         report.seen.resident_kb_end
     );
     let rows = [("wake-up lateness", report.wake_up_lateness_ns), ("step", report.step_ns)];
-    let rows = rows.map(|(name, summary)| [vec![name.to_owned()], cells(Some(summary)).to_vec()].concat());
-    outln!("{}", table(&[["latency (µs)"].as_slice(), &HEADER].concat(), 1, rows));
+    outln!("{}", latency_table("latency (µs)", rows));
 }
 
 /// The role `burn`: computes and writes memory until it is terminated.
