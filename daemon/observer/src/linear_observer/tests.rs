@@ -1,6 +1,7 @@
 use super::*;
 use crate::design::DisturbanceBounds;
 use crate::designs::{Random, matrix, oscillator};
+use crate::law::dead_zone::{DeadZone, DeadZoneShape};
 use crate::law::linear_stability::largest_gain;
 use crate::plant::linear::{MAX_STATES, held_integral};
 use crate::space::centers::Centers;

@@ -5,6 +5,7 @@ use crate::function::solver::{LocalSolver, Solver};
 use crate::law::dead_zone::{DeadZone, DeadZoneShape};
 use crate::law::stability::{StepLimit, largest_learning_rate};
 use crate::space::centers::Centers;
+use crate::space::scaled_kernel::LengthScale;
 use nalgebra::{DMatrix, DVector, Matrix3};
 
 fn design() -> ChannelDesign {
