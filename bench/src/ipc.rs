@@ -11,11 +11,12 @@
 //! measured is stopped (SIGSTOP), so that it does not compete for the other's core.
 
 use crate::harness::exchange::{Exchange, MovingVehicle, Reply, ServiceExchange, Trip, connect, round_trip};
-use crate::harness::latency::{HEADER, cells, summary};
+use crate::harness::latency::{latency_table, summary};
 use crate::harness::machine::Machine;
-use crate::harness::output::{progress_bar, say_if_stopped, show, table, three_digits, warn_of_debug_build};
-use crate::harness::processes::{Child, OwnDomain, PATIENCE, ServiceSettings, stop_flag};
+use crate::harness::output::{progress_bar, say_if_stopped, show, three_digits, warn_of_debug_build};
+use crate::harness::processes::{Child, OwnDomain, PATIENCE, ServiceSettings};
 use anyhow::{Context, anyhow, bail};
+use command_line::stop_flag;
 use daemon::config::PRESETS;
 use iceoryx2::port::publisher::Publisher;
 use iceoryx2::port::subscriber::Subscriber;
@@ -23,7 +24,7 @@ use iceoryx2::prelude::ipc;
 use serde::Serialize;
 use shared_types::clock::monotonic_ns;
 use shared_types::payload::{Estimate, Measurement};
-use shared_types::service::{self, Node, ServiceError, Services, Topic};
+use shared_types::service::{self, Node, ServiceError, Services};
 use shared_types::{Domain, LatencySummary, outln};
 use std::ffi::OsString;
 use std::hint::black_box;
@@ -59,9 +60,6 @@ pub(crate) struct IpcArguments {
 }
 
 /// Runs `bench ipc`. Pins the calling thread to its core and the other side to another one.
-///
-/// # Errors
-/// Fewer than two cores, a process that does not start or answer, shared memory that cannot be used.
 pub(crate) fn run(arguments: &IpcArguments) -> anyhow::Result<()> {
     warn_of_debug_build();
     let stop = stop_flag()?;
@@ -205,7 +203,8 @@ impl BareExchange {
         };
         let samples = services.open::<Measurement>()?;
         let _making = domain.lock_for_making()?;
-        let (samples, estimates) = (publisher(&samples)?, subscriber(&estimates)?);
+        let samples = samples.publisher_builder().create().map_err(bare_error)?;
+        let estimates = estimates.subscriber_builder().create().map_err(bare_error)?;
         Ok(Self { samples, estimates, _node: node })
     }
 }
@@ -227,23 +226,8 @@ fn bare_error(error: impl std::fmt::Debug) -> anyhow::Error {
     anyhow!("bare iceoryx2: {error:?}")
 }
 
-fn publisher<T: iceoryx2::prelude::ZeroCopySend + std::fmt::Debug>(
-    topic: &Topic<T>,
-) -> anyhow::Result<Publisher<ipc::Service, T, ()>> {
-    topic.publisher_builder().create().map_err(bare_error)
-}
-
-fn subscriber<T: iceoryx2::prelude::ZeroCopySend + std::fmt::Debug>(
-    topic: &Topic<T>,
-) -> anyhow::Result<Subscriber<ipc::Service, T, ()>> {
-    topic.subscriber_builder().create().map_err(bare_error)
-}
-
-/// The other side of the bare kind, a process of its own: `bench echo --root PATH`. It answers every sample
-/// with an estimate, polling, until it is stopped.
-///
-/// # Errors
-/// Other arguments; shared memory that cannot be used.
+/// The other side of the bare way, a process of its own: `bench echo --root PATH`. It answers every sample
+/// with an estimate, polling, until it is told to end.
 pub(crate) fn echo(arguments: &[OsString]) -> anyhow::Result<()> {
     let [option, root] = arguments else { bail!("needed: echo --root PATH") };
     if option != "--root" {
@@ -255,11 +239,11 @@ pub(crate) fn echo(arguments: &[OsString]) -> anyhow::Result<()> {
         let _making = domain.lock_for_making()?;
         service::node(&domain, "echo")?
     };
-    let (samples, estimates) = {
-        let _making = domain.lock_for_making()?;
-        let services = Services::of(&node, BARE)?;
-        (subscriber(&services.make::<Measurement>()?)?, publisher(&services.make::<Estimate>()?)?)
-    };
+    let services = Services::of(&node, BARE)?;
+    let making = domain.lock_for_making()?;
+    let samples = services.make::<Measurement>()?.subscriber_builder().create().map_err(bare_error)?;
+    let estimates = services.make::<Estimate>()?.publisher_builder().create().map_err(bare_error)?;
+    drop(making);
     while !stop.load(Ordering::Relaxed) {
         let Some(sample) = samples.receive().map_err(bare_error)? else { continue };
         let sample = black_box(*sample);
@@ -338,19 +322,18 @@ impl<'a> Report<'a> {
         };
         let (core, preset) = (self.other_core, self.preset);
         outln!("the other side on core {core}; service with preset {preset}; samples {pause}");
-        let row = |name: &str, found| [vec![name.to_owned()], cells(Some(found)).to_vec()].concat();
         let (service, bare) = (&self.service_one_way, &self.bare_one_way);
         let rows = [
-            row("service: round trip", self.service_ns),
-            row("  sample's stamp until the service has it", service.there_ns),
-            row("  judged, stepped, until just before publication", service.inside_ns),
-            row("  publication until the client has it", service.back_ns),
-            row("bare: round trip", self.bare_ns),
-            row("  sample's stamp until the echo has it", bare.there_ns),
-            row("  until just before publication", bare.inside_ns),
-            row("  publication until the client has it", bare.back_ns),
+            ("service: round trip", self.service_ns),
+            ("  sample's stamp until the service has it", service.there_ns),
+            ("  judged, stepped, until just before publication", service.inside_ns),
+            ("  publication until the client has it", service.back_ns),
+            ("bare: round trip", self.bare_ns),
+            ("  sample's stamp until the echo has it", bare.there_ns),
+            ("  until just before publication", bare.inside_ns),
+            ("  publication until the client has it", bare.back_ns),
         ];
-        outln!("{}", table(&[["µs"].as_slice(), &HEADER].concat(), 1, rows));
+        outln!("{}", latency_table("µs", rows));
         let ratio = three_digits(self.service_over_bare_median);
         outln!("median of the service's round trip over the bare one: {ratio}");
     }

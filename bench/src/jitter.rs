@@ -8,8 +8,8 @@ use crate::harness::latency::{HEADER, cells, summary};
 use crate::harness::machine::Machine;
 use crate::harness::options::{parse_rate_hz, parse_seconds};
 use crate::harness::output::{progress_bar, say_if_stopped, show, table, three_digits, warn_of_debug_build};
-use crate::harness::processes::stop_flag;
 use anyhow::{Context, anyhow, bail};
+use command_line::stop_flag;
 use daemon::deadline::{skip_missed, wait_for_deadline};
 use daemon::system::real_time::{self, Refused};
 use serde::Serialize;
@@ -76,10 +76,6 @@ impl Mode {
 }
 
 /// Runs `bench jitter`.
-///
-/// # Errors
-/// A cyclictest that is installed and fails. A setting that the system refuses is not an error: its rows are null, with the
-/// reason.
 pub(crate) fn run(arguments: &JitterArguments) -> anyhow::Result<()> {
     warn_of_debug_build();
     let stop = stop_flag()?;

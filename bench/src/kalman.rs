@@ -49,9 +49,6 @@ impl KalmanFilter {
     }
 
     /// Corrects with a measured velocity (m/s).
-    ///
-    /// # Errors
-    /// The innovation's covariance is not positive definite.
     pub(crate) fn correct(&mut self, velocity: &Vector3<f64>) -> anyhow::Result<()> {
         let method = CovarianceUpdateMethod::JosephForm;
         self.estimate = self

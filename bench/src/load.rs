@@ -12,9 +12,10 @@ use crate::harness::options::parse_seconds;
 use crate::harness::output::{
     microseconds, progress_bar, say_if_stopped, show, table, three_digits, warn_of_debug_build,
 };
-use crate::harness::processes::{Child, OwnDomain, PATIENCE, ServiceSettings, stop_flag};
+use crate::harness::processes::{Child, OwnDomain, PATIENCE, ServiceSettings};
 use anyhow::ensure;
 use clap::builder::RangedU64ValueParser;
+use command_line::stop_flag;
 use serde::Serialize;
 use shared_types::payload::{Status, command};
 use shared_types::service::MAX_READERS;
@@ -49,9 +50,6 @@ pub(crate) struct LoadArguments {
 }
 
 /// Runs `bench load`.
-///
-/// # Errors
-/// A process that does not start, shared memory that cannot be used.
 pub(crate) fn run(arguments: &LoadArguments) -> anyhow::Result<()> {
     warn_of_debug_build();
     let seconds = if arguments.quick { 0.3 } else { arguments.seconds };

@@ -9,9 +9,10 @@ use crate::harness::latency::{HEADER, cells, summary};
 use crate::harness::machine::Machine;
 use crate::harness::options::{parse_rate_hz, parse_seconds};
 use crate::harness::output::{progress_bar, say_if_stopped, show, table, warn_of_debug_build};
-use crate::harness::processes::{ServiceSettings, stop_flag};
+use crate::harness::processes::ServiceSettings;
 use crate::plot::{self, Figure, Line, LineStyle, Panel};
 use clap::ValueEnum;
+use command_line::stop_flag;
 use daemon::config::PRESETS;
 use serde::Serialize;
 use shared_types::{LatencySummary, outln};
@@ -86,10 +87,6 @@ pub(crate) struct ServiceArguments {
 }
 
 /// Runs `bench service`.
-///
-/// # Errors
-/// Fewer than two cores, a service that does not start, shared memory that cannot be used, a plot that
-/// cannot be written.
 pub(crate) fn run(arguments: &ServiceArguments) -> anyhow::Result<()> {
     if let Some(file) = &arguments.plot {
         plot::check_target(file)?;

@@ -1,12 +1,13 @@
 //! `bench soak`: runs the service for a long time beside processes that load all cores. The command fails if a sample is
 //! neither used nor counted, if an estimate is not finite, or if memory grows.
 
-use crate::harness::latency::{HEADER, cells};
+use crate::harness::latency::latency_table;
 use crate::harness::options::{parse_rate_hz, parse_seconds};
-use crate::harness::output::{show, table};
-use crate::harness::processes::{Child, OwnDomain, PATIENCE, stop_flag};
+use crate::harness::output::show;
+use crate::harness::processes::{Child, OwnDomain, PATIENCE};
 use anyhow::{Context, ensure};
 use clap::builder::RangedU64ValueParser;
+use command_line::stop_flag;
 use serde::Serialize;
 use shared_types::payload::{Status, command};
 use shared_types::{Client, LatencySummary, outln};
@@ -50,7 +51,6 @@ struct Report {
     rate_hz: f64,
     duration_s: f64,
     load_processes: u64,
-    samples_sent: u64,
     samples_used: u64,
     samples_lost: u64,
     samples_rejected: u64,
@@ -61,19 +61,13 @@ struct Report {
     most_late_ticks_in_a_row: u64,
     ticks_recorded: u64,
     ticks_not_recorded: u64,
-    estimates_read: u64,
-    estimates_overrun: u64,
-    estimates_not_finite: u64,
-    resident_kb_settled: u64,
-    resident_kb_end: u64,
     wake_up_lateness_ns: LatencySummary,
     step_ns: LatencySummary,
+    #[serde(flatten)]
+    seen: Seen,
 }
 
 /// Runs `bench soak`.
-///
-/// # Errors
-/// A process does not start; a sample is neither used nor counted; memory grows.
 pub(crate) fn run(arguments: &SoakArguments) -> anyhow::Result<()> {
     let stop = stop_flag()?;
     let domain = OwnDomain::new()?;
@@ -112,7 +106,6 @@ pub(crate) fn run(arguments: &SoakArguments) -> anyhow::Result<()> {
         rate_hz: arguments.rate_hz,
         duration_s: arguments.seconds,
         load_processes: arguments.load,
-        samples_sent: seen.samples_sent,
         samples_used: status.counters.samples_accepted,
         samples_lost: status.counters.samples_lost,
         samples_rejected: status.counters.samples_rejected_total(),
@@ -122,13 +115,9 @@ pub(crate) fn run(arguments: &SoakArguments) -> anyhow::Result<()> {
         most_late_ticks_in_a_row: status.most_late_ticks_in_a_row,
         ticks_recorded: status.ticks_recorded,
         ticks_not_recorded: status.counters.ticks_not_recorded,
-        estimates_read: seen.estimates_read,
-        estimates_overrun: seen.estimates_overrun,
-        estimates_not_finite: seen.estimates_not_finite,
-        resident_kb_settled: seen.resident_kb_settled,
-        resident_kb_end: seen.resident_kb_end,
         wake_up_lateness_ns: status.wake_up_lateness_ns,
         step_ns: status.step_ns,
+        seen,
     };
     show(arguments.json, &report, || print(&report))?;
     ensure!(
@@ -136,17 +125,23 @@ pub(crate) fn run(arguments: &SoakArguments) -> anyhow::Result<()> {
         "{} samples are neither used nor counted",
         report.samples_unaccounted
     );
-    ensure!(report.estimates_not_finite == 0, "{} estimates are not finite", report.estimates_not_finite);
+    ensure!(
+        report.seen.estimates_not_finite == 0,
+        "{} estimates are not finite",
+        report.seen.estimates_not_finite
+    );
     // Less is the allocator's; a leak of one byte a tick would be more.
-    let grown_kb = report.resident_kb_end.saturating_sub(report.resident_kb_settled);
+    let grown_kb = report.seen.resident_kb_end.saturating_sub(report.seen.resident_kb_settled);
     let is_judged = arguments.seconds >= MIN_S_FOR_MEMORY;
     ensure!(grown_kb < 256 || !is_judged, "the service's memory has grown by {grown_kb} kB");
     Ok(())
 }
 
-/// Recorded while the vehicle ran.
+/// What was seen while the vehicle ran.
+#[derive(Debug, Serialize)]
 struct Seen {
     samples_sent: u64,
+    #[serde(skip)]
     status: Status,
     estimates_read: u64,
     estimates_overrun: u64,
@@ -202,7 +197,7 @@ fn look_on(
 fn print(report: &Report) {
     let accounted = format!(
         "{} sent: {} used, {} lost, {} rejected; {} unaccounted for",
-        report.samples_sent,
+        report.seen.samples_sent,
         report.samples_used,
         report.samples_lost,
         report.samples_rejected,
@@ -224,18 +219,17 @@ fn print(report: &Report) {
     outln!("record     {} ticks, {} not recorded", report.ticks_recorded, report.ticks_not_recorded);
     outln!(
         "estimates  {} read, {} too fast for this reader, {} not finite",
-        report.estimates_read,
-        report.estimates_overrun,
-        report.estimates_not_finite
+        report.seen.estimates_read,
+        report.seen.estimates_overrun,
+        report.seen.estimates_not_finite
     );
     outln!(
         "memory     {} kB after the first fifth, {} kB at the end",
-        report.resident_kb_settled,
-        report.resident_kb_end
+        report.seen.resident_kb_settled,
+        report.seen.resident_kb_end
     );
     let rows = [("wake-up lateness", report.wake_up_lateness_ns), ("step", report.step_ns)];
-    let rows = rows.map(|(name, summary)| [vec![name.to_owned()], cells(Some(summary)).to_vec()].concat());
-    outln!("{}", table(&[["latency (µs)"].as_slice(), &HEADER].concat(), 1, rows));
+    outln!("{}", latency_table("latency (µs)", rows));
 }
 
 /// The role `burn`: computes and writes memory until it is terminated.

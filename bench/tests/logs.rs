@@ -32,7 +32,7 @@ fn places(length: usize) -> impl Iterator<Item = usize> {
 fn a_ulog_may_end_anywhere() {
     let Some(path) = recorded("ulog/sample_px4_events.ulg") else { return };
     let importer = importers::by_ending(&path).unwrap();
-    if !importer.is_built_in() {
+    if !importer.format().is_built_in {
         let refused = bench(&["replay", path.to_str().unwrap()]);
         assert!(refused.log.contains("--features logs"), "{}", refused.log);
         return;

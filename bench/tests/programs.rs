@@ -4,7 +4,7 @@ use serde_json::Value;
 use std::path::PathBuf;
 use testkit::{Ended, Process, Program};
 
-pub(crate) const BENCH: Program = Program::at(env!("CARGO_BIN_EXE_bench"));
+pub(crate) const BENCH: Program = Program::At(env!("CARGO_BIN_EXE_bench"));
 
 /// `bench` with these arguments, run to its end.
 pub(crate) fn bench(arguments: &[&str]) -> Ended {

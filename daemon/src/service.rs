@@ -70,7 +70,7 @@ impl StartError {
         matches!(
             self,
             Self::Config(_)
-                | Self::Snapshot(SnapshotError::OtherDesign { .. } | SnapshotError::OtherVersion { .. })
+                | Self::Snapshot(SnapshotError::OtherDesign(..) | SnapshotError::OtherVersion(..))
                 | Self::Ports(PortsError::Service(ServiceError::InstanceName(_)))
         )
     }

@@ -64,50 +64,27 @@ pub struct Snapshot {
 /// Why a snapshot cannot be used.
 #[derive(Debug, thiserror::Error)]
 pub enum SnapshotError {
-    /// The system refused.
-    #[error("'{path}': {cause}")]
-    Io {
-        /// The file.
-        path: String,
-        /// The system's reason.
-        cause: io::Error,
-    },
-    /// The bytes are no snapshot, or a damaged one.
-    #[error("'{path}' is no whole snapshot: {found}")]
-    Damaged {
-        /// The file.
-        path: String,
-        /// What is wrong with it.
-        found: String,
-    },
-    /// It has another version of the format.
+    /// The system refused this file.
+    #[error("'{0}': {1}")]
+    Io(String, #[source] io::Error),
+    /// The bytes of this file are no snapshot, or a damaged one.
+    #[error("'{0}' is no whole snapshot: {1}")]
+    Damaged(String, String),
+    /// This file is of another version of the program.
     #[error(
-        "snapshot '{path}' has version {found}, this program reads version {VERSION}; needed: the program that wrote it, or --fresh to begin anew (the file is kept as .old)"
+        "snapshot '{0}' has version {1}, this program reads version {VERSION}; needed: the program that wrote it, or --fresh to begin anew (the file is kept as .old)"
     )]
-    OtherVersion {
-        /// The file.
-        path: String,
-        /// Its version.
-        found: u32,
-    },
-    /// Another service writes it.
+    OtherVersion(String, u32),
+    /// Another service writes this file.
     #[error(
-        "snapshot '{path}' is another service's: it holds '{path}.lock'; needed: another --state or --instance"
+        "snapshot '{0}' is another service's: it holds '{0}.lock'; needed: another --state or --instance"
     )]
-    InUse {
-        /// The file.
-        path: String,
-    },
-    /// It was learned by another design.
+    InUse(String),
+    /// This file was learned by another design, with these differences.
     #[error(
-        "snapshot '{path}' was learned with another design: {differences}; needed: the same values, or --fresh to begin anew (the file is kept as .old), or another --instance or --state"
+        "snapshot '{0}' was learned with another design: {1}; needed: the same values, or --fresh to begin anew (the file is kept as .old), or another --instance or --state"
     )]
-    OtherDesign {
-        /// The file.
-        path: String,
-        /// What differs.
-        differences: String,
-    },
+    OtherDesign(String, String),
 }
 
 /// Why bytes are no snapshot of this version.
@@ -169,10 +146,10 @@ impl Snapshot {
     /// `Io`, `Damaged` or `OtherVersion`.
     pub fn read(path: &Path) -> Result<Self, SnapshotError> {
         let name = path.display().to_string();
-        let bytes = read_file(path).map_err(|cause| SnapshotError::Io { path: name.clone(), cause })?;
+        let bytes = read_file(path).map_err(|cause| SnapshotError::Io(name.clone(), cause))?;
         Self::decode(&bytes).map_err(|error| match error {
-            DecodeError::OtherVersion(found) => SnapshotError::OtherVersion { path: name, found },
-            DecodeError::Damaged(found) => SnapshotError::Damaged { path: name, found },
+            DecodeError::OtherVersion(found) => SnapshotError::OtherVersion(name, found),
+            DecodeError::Damaged(found) => SnapshotError::Damaged(name, found),
         })
     }
 
@@ -258,16 +235,14 @@ impl SnapshotLock {
     /// visible here. `Io` with the system's reason.
     pub fn take(path: &Path) -> Result<Self, SnapshotError> {
         let lock = with_suffix(path, ".lock");
-        let io_error = |cause| SnapshotError::Io { path: lock.display().to_string(), cause };
+        let io_error = |cause| SnapshotError::Io(lock.display().to_string(), cause);
         let mut options = OpenOptions::new();
         options.write(true).create(true).truncate(false).mode(0o600);
         let flags = OFlags::NOFOLLOW | OFlags::CLOEXEC;
         let file = options.custom_flags(flags.bits() as i32).open(&lock).map_err(io_error)?;
         match flock(&file, FlockOperation::NonBlockingLockExclusive) {
             Ok(()) => Ok(Self { _file: file }),
-            Err(rustix::io::Errno::WOULDBLOCK) => {
-                Err(SnapshotError::InUse { path: path.display().to_string() })
-            }
+            Err(rustix::io::Errno::WOULDBLOCK) => Err(SnapshotError::InUse(path.display().to_string())),
             Err(error) => Err(io_error(error.into())),
         }
     }
@@ -338,14 +313,14 @@ pub fn take_over(
     config: &Config,
     engine: &mut Engine,
 ) -> Result<(Option<Checkpoint>, u64), SnapshotError> {
-    let io_error = |cause| SnapshotError::Io { path: path.display().to_string(), cause };
-    // A fresh start renames the old file when the first new snapshot is written.
+    let io_error = |cause| SnapshotError::Io(path.display().to_string(), cause);
+    // A fresh start sets an old file aside when it first has another one to put there.
     if is_fresh || !path.try_exists().map_err(io_error)? {
         return Ok((None, restored::NOTHING));
     }
     let snapshot = match Snapshot::read(path) {
         Ok(snapshot) => snapshot,
-        Err(error @ SnapshotError::Damaged { .. }) => {
+        Err(error @ SnapshotError::Damaged(..)) => {
             let aside = with_suffix(path, ".damaged");
             fs::rename(path, &aside).map_err(io_error)?;
             say!("warning: {error}; it is kept as '{}', and learning begins anew", aside.display());
@@ -355,8 +330,7 @@ pub fn take_over(
     };
     let differences = snapshot.differences(config);
     if !differences.is_empty() {
-        let path = path.display().to_string();
-        return Err(SnapshotError::OtherDesign { path, differences: differences.join("; ") });
+        return Err(SnapshotError::OtherDesign(path.display().to_string(), differences.join("; ")));
     }
     let Checkpoint { learned, state } = snapshot.checkpoint;
     // The age of its newest sample: a state without recent samples is not resumed.
@@ -371,10 +345,9 @@ pub fn take_over(
             && age_s(state).is_some_and(|age_s| age_s <= config.snapshot.resume_state_within_s)
     };
     let checkpoint = Checkpoint { learned, state: state.filter(goes_on) };
-    engine.load(&checkpoint).map_err(|differences| SnapshotError::OtherDesign {
-        path: path.display().to_string(),
-        differences,
-    })?;
+    engine
+        .load(&checkpoint)
+        .map_err(|differences| SnapshotError::OtherDesign(path.display().to_string(), differences))?;
     let what = if checkpoint.state.is_some() { "goes on, state included," } else { "goes on" };
     say!(
         "{what} with what was learned until {} s ago ('{}')",

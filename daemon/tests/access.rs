@@ -1,7 +1,7 @@
 //! Access to a running service: only its owner has it. What another user can try, and what a faulty source of the same user
 //! can do.
 
-use crate::common::{Daemon, PATIENCE, TestDomain, daemon_command, finished, wait_until};
+use crate::common::{Ended, PATIENCE, Process, TestDomain, daemon_command, run_daemon, wait_until};
 use iceoryx2::prelude::*;
 use shared_types::clock::monotonic_ns;
 use shared_types::payload::command;
@@ -50,7 +50,7 @@ fn mode_of(path: &Path) -> u32 {
 
 #[track_caller]
 fn assert_refused(domain: &TestDomain, parts: &[&str]) {
-    let (code, log) = Daemon::start(domain, &[]).finish();
+    let Ended { code, log, .. } = run_daemon(domain, &[]).finish();
     assert_eq!(code, Some(1), "{log}");
     for part in parts {
         assert!(log.contains(part), "'{part}' is missing in: {log}");
@@ -89,9 +89,9 @@ fn whatever_the_umask_only_the_owner_can_open_anything() {
         shell.arg("-c").arg(format!("umask {umask}; exec \"$0\" \"$@\"")).arg(daemon.get_program());
         shell.envs(daemon.get_envs().filter_map(|(name, value)| Some((name, value?))));
         shell.args(daemon.get_args()).stdout(Stdio::piped()).stderr(Stdio::piped());
-        let daemon = Daemon::of(shell.spawn().unwrap());
+        let daemon = Process::spawn(shell);
         in_use(&domain);
-        assert_eq!(daemon.stop().0, Some(0), "umask {umask}");
+        assert_eq!(daemon.stop().code, Some(0), "umask {umask}");
         domain.assert_clean();
     }
 }
@@ -102,13 +102,13 @@ fn another_user_is_told_whose_service_it_is() {
         return;
     }
     let domain = TestDomain::new();
-    let _daemon = Daemon::start(&domain, &[]);
+    let _daemon = run_daemon(&domain, &[]);
     in_use(&domain);
     let (_directory, program) = for_everyone(Path::new(env!("CARGO_BIN_EXE_daemon")));
     for arguments in [&["control", "reset"][..], &["control", "status"], &["run"]] {
         let output =
             as_other_user(&program).args(arguments).arg("--root").arg(domain.root()).output().unwrap();
-        let (code, _, log) = finished(output);
+        let Ended { code, log, .. } = Ended::from(output);
         assert_eq!(code, Some(1), "{log}");
         assert!(log.contains("belongs to user id 0; this process runs as user id 65534"), "{log}");
         assert!(log.contains("--root"), "{log}");
@@ -150,7 +150,7 @@ fn another_user_finds_every_door_closed() {
         return;
     }
     let domain = TestDomain::new();
-    let _daemon = Daemon::start(&domain, &[]);
+    let _daemon = run_daemon(&domain, &[]);
     in_use(&domain);
     let client = domain.client();
     let _sensors = client.measurement_publisher().unwrap();
@@ -158,7 +158,7 @@ fn another_user_finds_every_door_closed() {
     let mut intruder = as_other_user(&program);
     intruder.args(["--exact", "access::try_every_door", "--ignored", "--nocapture"]);
     let output = intruder.env(ROOT_OF_VICTIM, domain.root()).output().unwrap();
-    let (code, out, log) = finished(output);
+    let Ended { code, out, log } = Ended::from(output);
     assert!(code == Some(0) && out.contains("every door is closed"), "{out}{log}");
     let status = domain.status();
     assert_eq!((status.counters.samples_accepted, status.counters.commands), (1, 0));
@@ -247,14 +247,14 @@ fn what_another_user_plants_among_the_segments_is_refused_and_left_alone() {
     assert_refused(&domain, &[link.to_str().unwrap(), "a symbolic link"]);
     fs::remove_file(&link).unwrap();
 
-    // A file planted while the service runs: the next client reports it, and the service continues.
-    let daemon = Daemon::start(&domain, &[]);
+    // Planted while the service runs: the next client reports it, and the service goes on.
+    let daemon = run_daemon(&domain, &[]);
     in_use(&domain);
     fs::write(&file, "").unwrap();
     chown(&file, Some(OTHER_USER), None).unwrap();
-    let (code, _, log) = finished(daemon_command(&domain, &["control", "status"]).output().unwrap());
+    let Ended { code, log, .. } = Ended::of(&mut daemon_command(&domain, &["control", "status"]));
     assert!(code == Some(1) && log.contains(file.to_str().unwrap()), "{log}");
-    assert_eq!(daemon.stop().0, Some(0));
+    assert_eq!(daemon.stop().code, Some(0));
     assert!(file.exists());
     fs::remove_file(&file).unwrap();
 }
@@ -286,7 +286,7 @@ fn lock_files_are_no_way_to_other_files() {
 fn a_flood_drops_the_oldest_counts_them_and_does_not_hold_the_loop() {
     let domain = TestDomain::new();
     // Slow ticks, so that the queue overflows between two of them.
-    let _daemon = Daemon::start(&domain, &["--rate-hz", "10"]);
+    let _daemon = run_daemon(&domain, &["--rate-hz", "10"]);
     let client = domain.client();
     let sensors = client.measurement_publisher().unwrap();
     let mut sequence = 0;
@@ -337,7 +337,7 @@ struct Renamed(Measurement);
 #[test]
 fn a_source_of_another_type_or_size_cannot_connect() {
     let domain = TestDomain::new();
-    let _daemon = Daemon::start(&domain, &[]);
+    let _daemon = run_daemon(&domain, &[]);
     in_use(&domain);
     let node = {
         let _making = domain.domain.lock_for_making().unwrap();

@@ -1,15 +1,13 @@
 //! The client for C and C++ (`shared_types/c`) against the real service: its functions called from here, and
 //! programs in C and C++ compiled with every warning an error.
 
-use crate::common::{Daemon, PATIENCE, TestDomain, finished, preset_between, wait_until};
-use iceoryx2::prelude::*;
+use crate::common::{Ended, PATIENCE, TestDomain, preset_between, run_daemon, wait_until};
 use observer_client::*;
 use rustix::process::Signal;
 use shared_types::payload::{Reply, command, outcome};
 use shared_types::{Estimate, Measurement, Status, clock, service};
 use std::collections::BTreeSet;
 use std::ffi::{CStr, CString, c_char};
-use std::io::Write as _;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::ptr::{null, null_mut};
@@ -91,7 +89,7 @@ fn good(result: CallResult) {
 fn what_goes_in_comes_out_and_commands_are_answered() {
     let domain = TestDomain::new();
     let config = on_samples();
-    let daemon = Daemon::start(&domain, &["--config", config.path().to_str().unwrap()]);
+    let daemon = run_daemon(&domain, &["--config", config.path().to_str().unwrap()]);
     let (result, handle) = c::open(domain.root(), VEHICLE, PATIENCE.as_secs_f64());
     good(result);
     let (mut estimate, mut newest, mut status) =
@@ -139,8 +137,8 @@ fn what_goes_in_comes_out_and_commands_are_answered() {
     let cut: Vec<u8> = text[..5].iter().map(|&byte| byte as u8).collect();
     assert_eq!(cut, [&reply.text().as_bytes()[..4], &[0]].concat());
 
-    // Publishing without a service is not a failure; the result reports it.
-    assert_eq!(daemon.stop().0, Some(0));
+    // Without a service, publishing is no failure: the result tells it.
+    assert_eq!(daemon.stop().code, Some(0));
     let late = moving(100);
     assert_eq!(c::publish(handle, &raw const late), CallResult::Nothing);
     assert_eq!(c::command(handle, command::STATUS, 0.05, &raw mut reply), CallResult::NoDaemon);
@@ -156,7 +154,7 @@ fn without_a_service_the_reason_comes_in_time() {
     assert!(start.elapsed() >= Duration::from_millis(200) && start.elapsed() < PATIENCE);
     assert!(c::error_text().contains("daemon run --instance vehicle"), "{}", c::error_text());
 
-    let _daemon = Daemon::start(&domain, &[]);
+    let _daemon = run_daemon(&domain, &[]);
     domain.client();
     let (result, _) = c::open(domain.root(), c"other-vehicle".as_ptr(), 0.05);
     assert_eq!(result, CallResult::NoDaemon);
@@ -168,7 +166,7 @@ fn without_a_service_the_reason_comes_in_time() {
 #[test]
 fn misuse_is_an_error_with_words_and_nothing_else() {
     let domain = TestDomain::new();
-    let _daemon = Daemon::start(&domain, &[]);
+    let _daemon = run_daemon(&domain, &[]);
     let refused = |result: CallResult, expected: CallResult, words: &str| {
         assert!(result == expected && c::error_text().contains(words), "{result:?}: {}", c::error_text());
     };
@@ -242,7 +240,7 @@ fn misuse_is_an_error_with_words_and_nothing_else() {
 #[test]
 fn what_a_thread_leaves_open_is_closed_when_it_ends() {
     let domain = TestDomain::new();
-    let daemon = Daemon::start(&domain, &[]);
+    let daemon = run_daemon(&domain, &[]);
     let root = domain.root().to_owned();
     // More than the places for sources: each gives its own back.
     for _ in 0..service::MAX_SOURCES + 2 {
@@ -251,38 +249,15 @@ fn what_a_thread_leaves_open_is_closed_when_it_ends() {
         let (result, text) = opened.join().unwrap();
         assert_eq!(result, CallResult::Ok, "{text}");
     }
-    assert_eq!(daemon.stop().0, Some(0));
+    assert_eq!(daemon.stop().code, Some(0));
     domain.assert_clean();
-}
-
-/// Another version of the payload under the same service name.
-#[repr(C)]
-#[derive(Debug, Clone, Copy, ZeroCopySend)]
-#[type_name("observer.Estimate.v999")]
-struct OtherEstimate {
-    value: f64,
-}
-
-#[test]
-fn a_service_of_another_type_is_refused_with_the_reason() {
-    let domain = TestDomain::new();
-    let node = {
-        let _making = domain.domain.lock_for_making().unwrap();
-        service::node(&domain.domain, "intruder").unwrap()
-    };
-    let name = "vehicle/estimate".try_into().unwrap();
-    let _held = node.service_builder(&name).publish_subscribe::<OtherEstimate>().create().unwrap();
-    let (result, handle) = c::open(domain.root(), VEHICLE, 10.0);
-    assert_eq!((result, handle), (CallResult::Refused, NONE));
-    let text = c::error_text();
-    assert!(text.contains("vehicle/estimate") && text.contains("another version of the payload"), "{text}");
 }
 
 #[test]
 fn an_open_handle_allocates_nothing_but_the_loan() {
     let domain = TestDomain::new();
     let config = on_samples();
-    let _daemon = Daemon::start(&domain, &["--config", config.path().to_str().unwrap()]);
+    let _daemon = run_daemon(&domain, &["--config", config.path().to_str().unwrap()]);
     let (result, handle) = c::open(domain.root(), VEHICLE, 10.0);
     good(result);
     let (mut estimate, mut status) = (Estimate::default(), Status::default());
@@ -318,27 +293,22 @@ fn installed() -> &'static Path {
         let prefix = Path::new(env!("CARGO_TARGET_TMPDIR")).join("c_client");
         let built = std::env::current_exe().unwrap().parent().unwrap().to_owned();
         let output = Command::new(of_the_client("install")).args([&prefix, &built]).output().unwrap();
-        let (code, _, log) = finished(output);
+        let Ended { code, log, .. } = Ended::from(output);
         assert_eq!(code, Some(0), "{log}");
         prefix
     });
     &PREFIX
 }
 
-/// Past the harness, which swallows what a passed test prints.
-fn skip(reason: &str) {
-    let _ = writeln!(std::io::stderr(), "skipped: the C client: {reason}");
-}
-
 /// The output of a tool of the compiler's; `None`, said, where it is not here.
 fn output_of(command: &mut Command) -> Option<String> {
     match command.output() {
         Err(error) if error.kind() == std::io::ErrorKind::NotFound => {
-            skip(&format!("not here: {command:?}"));
+            testkit::skip("the C client", &format!("not here: {command:?}"));
             None
         }
         output => {
-            let (code, out, log) = finished(output.unwrap());
+            let Ended { code, out, log } = Ended::from(output.unwrap());
             assert_eq!(code, Some(0), "{command:?}\n{log}");
             Some(out)
         }
@@ -420,17 +390,17 @@ fn the_flight_loops_in_c_and_cpp_have_an_estimate_for_every_sample() {
         };
         let domain = TestDomain::new();
         let config = on_samples();
-        let daemon = Daemon::start(&domain, &["--config", config.path().to_str().unwrap()]);
+        let daemon = run_daemon(&domain, &["--config", config.path().to_str().unwrap()]);
         // So patient that a busy machine does not matter: each sample is waited for.
         let output = program.command(&domain, &[&samples.to_string(), "400", "30"]).output().unwrap();
-        let (code, summary, log) = finished(output);
+        let Ended { code, out: summary, log } = Ended::from(output);
         assert_eq!(code, Some(0), "{source}: {log}");
         let found = ["published", "answered", "newest", "outages"].map(|word| number(&summary, word));
         assert_eq!(found, [samples, samples, samples - 1, 0], "{source}, {linked:?}: {summary}");
         assert!(summary.contains("samples used, outcome 0"), "{source}: {summary}");
         wait_until("all to be counted", || domain.status().counters.samples_accepted == samples);
         // It closed what it opened.
-        assert_eq!(daemon.stop().0, Some(0));
+        assert_eq!(daemon.stop().code, Some(0));
         domain.assert_clean();
     }
 }
@@ -443,21 +413,21 @@ fn a_loop_in_c_flies_on_while_the_service_is_killed_and_comes_back() {
     let domain = TestDomain::new();
     let config = on_samples();
     let arguments = ["--config", config.path().to_str().unwrap()];
-    let daemon = Daemon::start(&domain, &arguments);
+    let daemon = run_daemon(&domain, &arguments);
     let vehicle = program.command(&domain, &["3000", "250", "0.02"]).spawn().unwrap();
     wait_until("samples to be used", || domain.status().counters.samples_accepted > 10);
     daemon.signal(Signal::KILL);
     daemon.finish();
     std::thread::sleep(Duration::from_millis(300));
-    let daemon = Daemon::start(&domain, &arguments);
-    let (code, summary, log) = finished(vehicle.wait_with_output().unwrap());
+    let daemon = run_daemon(&domain, &arguments);
+    let Ended { code, out: summary, log } = Ended::from(vehicle.wait_with_output().unwrap());
     assert_eq!(code, Some(0), "{log}");
     assert!(number(&summary, "outages") >= 1, "{summary}");
     let (answered, newest) = (number(&summary, "answered"), number(&summary, "newest"));
     assert!((1..3000).contains(&answered) && newest > answered, "{summary}");
     // The second service used the samples of the same ports.
     assert!(domain.status().counters.samples_accepted > 0);
-    assert_eq!(daemon.stop().0, Some(0));
+    assert_eq!(daemon.stop().code, Some(0));
 }
 
 #[test]
@@ -466,7 +436,7 @@ fn without_a_service_the_programs_end_with_the_reason() {
         return;
     };
     let domain = TestDomain::new();
-    let (code, _, log) = finished(program.command(&domain, &["1"]).output().unwrap());
+    let Ended { code, log, .. } = Ended::of(&mut program.command(&domain, &["1"]));
     assert_eq!(code, Some(1), "{log}");
     assert!(log.contains("daemon run --instance vehicle"), "{log}");
 }
@@ -477,8 +447,8 @@ fn a_forked_child_that_exits_takes_no_port_of_its_parent() {
         return;
     };
     let domain = TestDomain::new();
-    let _daemon = Daemon::start(&domain, &[]);
-    let (code, out, log) = finished(program.command(&domain, &[]).output().unwrap());
+    let _daemon = run_daemon(&domain, &[]);
+    let Ended { code, out, log } = Ended::of(&mut program.command(&domain, &[]));
     assert_eq!((code, out.as_str()), (Some(0), "child ended with 0; 0 files gone\n"), "{log}");
 }
 
@@ -506,16 +476,16 @@ fn an_open_handle_makes_no_system_call() {
         return;
     };
     let domain = TestDomain::new();
-    let _daemon = Daemon::start(&domain, &[]);
-    let (code, out, log) = finished(program.command(&domain, &[]).output().unwrap());
+    let _daemon = run_daemon(&domain, &[]);
+    let Ended { code, out, log } = Ended::of(&mut program.command(&domain, &[]));
     assert_eq!(code, Some(0), "{log}");
     if out.starts_with("skipped") {
-        skip(&out);
+        testkit::skip("the C client", &out);
         return;
     }
     assert_eq!(out, "no system call\n", "{log}");
     // With one system call too many the kernel ends it.
-    let (code, out, _) = finished(program.command(&domain, &["sleep"]).output().unwrap());
+    let Ended { code, out, .. } = Ended::of(&mut program.command(&domain, &["sleep"]));
     assert_eq!((code, out.as_str()), (None, "no system call\n"));
 }
 

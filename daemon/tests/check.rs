@@ -4,16 +4,16 @@ use serde_json::Value;
 use std::io::Write;
 use std::process::Command;
 
-use crate::common::finished;
+use crate::common::Ended;
 
-fn check(arguments: &[&str]) -> (Option<i32>, String, String) {
+fn check(arguments: &[&str]) -> Ended {
     let mut command = Command::new(env!("CARGO_BIN_EXE_daemon"));
     command.arg("check").args(arguments);
-    finished(command.output().unwrap())
+    Ended::of(&mut command)
 }
 
 fn channel(preset: &str, name: &str) -> Value {
-    let (code, text, log) = check(&["--preset", preset, "--json"]);
+    let Ended { code, out: text, log } = check(&["--preset", preset, "--json"]);
     assert_eq!(code, Some(0), "{log}");
     let document: Value = serde_json::from_str(&text).unwrap();
     let channels = document["channels"].as_array().unwrap();
@@ -84,13 +84,13 @@ fn the_papers_rotation_by_hand() {
 
 #[test]
 fn every_preset_is_reported_for_people_and_for_machines() {
-    let (code, text, log) = check(&["--preset", "rigid-body"]);
+    let Ended { code, out: text, log } = check(&["--preset", "rigid-body"]);
     assert_eq!(code, Some(0), "{log}");
     for part in ["(A, C) observable", "d > d_N (Theorem 2)", "sampled law stable", "solver", "memory"] {
         assert!(text.contains(part), "{part} is missing in: {text}");
     }
     for (name, _) in daemon::config::PRESETS {
-        let (code, text, log) = check(&["--preset", name, "--json"]);
+        let Ended { code, out: text, log } = check(&["--preset", name, "--json"]);
         assert_eq!(code, Some(0), "{log}");
         let document: Value = serde_json::from_str(&text).unwrap();
         for channel in document["channels"].as_array().unwrap() {
@@ -144,7 +144,7 @@ fn an_unstable_design_is_reported_and_refused() {
     let mut file = tempfile::NamedTempFile::new().unwrap();
     file.write_all(text.replace("adaptation_rate_kg_s2 = 100.0", "adaptation_rate_kg_s2 = 1e7").as_bytes())
         .unwrap();
-    let (code, text, log) = check(&["--config", file.path().to_str().unwrap(), "--json"]);
+    let Ended { code, out: text, log } = check(&["--config", file.path().to_str().unwrap(), "--json"]);
     assert_eq!(code, Some(2), "{log}");
     assert!(log.contains("adaptation_rate_kg_s2") && log.contains("unstable"), "{log}");
     let document: Value = serde_json::from_str(&text).unwrap();
@@ -163,7 +163,7 @@ fn what_is_not_proven_is_null_with_its_reason() {
         .replace("gain = [[1.0], [8.0]]", "gain = [[20.0], [100.0]]");
     let mut file = tempfile::NamedTempFile::new().unwrap();
     file.write_all(text.as_bytes()).unwrap();
-    let (_, text, _) = check(&["--config", file.path().to_str().unwrap(), "--json"]);
+    let Ended { out: text, .. } = check(&["--config", file.path().to_str().unwrap(), "--json"]);
     let document: Value = serde_json::from_str(&text).unwrap();
     let linear = &document["channels"][0];
     assert_eq!(linear["strictly_positive_real"], false);

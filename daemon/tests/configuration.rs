@@ -1,7 +1,7 @@
 //! A configuration that cannot work is refused: the message has the place, what was found and what would be accepted, and
 //! nothing is started.
 
-use crate::common::{Daemon, TestDomain, finished};
+use crate::common::{Ended, TestDomain, run_daemon};
 use daemon::assemble;
 use daemon::config::ConfigFile;
 use std::io::Write;
@@ -209,16 +209,16 @@ fn a_refused_configuration_starts_nothing() {
     let domain = TestDomain::new();
     let mut file = tempfile::NamedTempFile::new().unwrap();
     file.write_all(GOOD.replace("4.0", "0.0").as_bytes()).unwrap();
-    let (code, log) = Daemon::start(&domain, &["--config", file.path().to_str().unwrap()]).finish();
+    let Ended { code, log, .. } = run_daemon(&domain, &["--config", file.path().to_str().unwrap()]).finish();
     assert_eq!(code, Some(2), "{log}");
     assert!(log.contains("line 4") && log.contains("mass_kg"), "{log}");
     domain.assert_clean();
 
-    let (code, log) = Daemon::start(&domain, &["--config", "/nowhere/vehicle.toml"]).finish();
+    let Ended { code, log, .. } = run_daemon(&domain, &["--config", "/nowhere/vehicle.toml"]).finish();
     assert!(code == Some(2) && log.contains("/nowhere/vehicle.toml"), "{log}");
-    let (code, log) = Daemon::start(&domain, &["--preset", "boat"]).finish();
+    let Ended { code, log, .. } = run_daemon(&domain, &["--preset", "boat"]).finish();
     assert!(code == Some(2) && log.contains("paper-translation"), "{log}");
-    let (code, log) = Daemon::start(&domain, &["--instance", "a/b"]).finish();
+    let Ended { code, log, .. } = run_daemon(&domain, &["--instance", "a/b"]).finish();
     assert!(code == Some(2) && log.contains("letters, digits"), "{log}");
     domain.assert_clean();
 }
@@ -236,7 +236,7 @@ fn what_is_merely_unproven_is_one_sentence() {
 fn config_prints_the_effective_configuration() {
     let mut command = Command::new(env!("CARGO_BIN_EXE_daemon"));
     command.args(["config", "--preset", "auv", "--rate-hz", "50"]);
-    let (code, text, log) = finished(command.output().unwrap());
+    let Ended { code, out: text, log } = Ended::of(&mut command);
     assert_eq!(code, Some(0), "{log}");
     let mut expected = ConfigFile::preset("auv").unwrap();
     expected.config.rate_hz = 50.0;

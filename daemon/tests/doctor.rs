@@ -1,6 +1,6 @@
 //! `daemon doctor` as text and as JSON: it measures, names remedies, and changes nothing.
 
-use crate::common::{Daemon, TestDomain, Unprivileged, daemon_command, finished};
+use crate::common::{Ended, TestDomain, Unprivileged, daemon_command, run_daemon};
 use rustix::process::Signal;
 use serde_json::Value;
 use std::process::Command;
@@ -8,7 +8,7 @@ use std::process::Command;
 const QUICK: [&str; 3] = ["doctor", "--seconds", "0.05"];
 
 fn document(mut command: Command) -> Value {
-    let (code, text, log) = finished(command.arg("--json").output().unwrap());
+    let Ended { code, out: text, log } = Ended::from(command.arg("--json").output().unwrap());
     assert_eq!(code, Some(0), "{log}");
     serde_json::from_str(&text).unwrap_or_else(|error| panic!("{error}: {text}"))
 }
@@ -50,7 +50,7 @@ fn it_measures_lateness_and_gives_every_fact_a_verdict() {
     // It only looked.
     domain.assert_clean();
 
-    let (code, text, _) = finished(daemon_command(&domain, &QUICK).output().unwrap());
+    let Ended { code, out: text, .. } = Ended::of(&mut daemon_command(&domain, &QUICK));
     assert_eq!(code, Some(0));
     for part in ["ordinary thread", "spin 200 µs", "p99", "stale files: none", "scheduling right", " good, "]
     {
@@ -71,7 +71,7 @@ fn a_configuration_gives_the_rate_and_its_settings_are_tried_out() {
         let settings = fact(&found, "settings of the configuration");
         assert!(settings["found"].as_str().unwrap().contains("cores"), "{settings}");
     }
-    let (code, _, log) = finished(
+    let Ended { code, log, .. } = Ended::from(
         daemon_command(&domain, &[&QUICK[..], &["--config", "/nowhere.toml"]].concat()).output().unwrap(),
     );
     assert!(code == Some(2) && log.contains("/nowhere.toml"), "{log}");
@@ -98,7 +98,7 @@ fn it_needs_no_rights() {
 #[test]
 fn what_a_killed_service_left_is_found_and_the_command_it_names_removes_it() {
     let domain = TestDomain::new();
-    let daemon = Daemon::start(&domain, &[]);
+    let daemon = run_daemon(&domain, &[]);
     domain.client();
     let living = document(daemon_command(&domain, &QUICK));
     assert_eq!(fact(&living, "stale files")["verdict"], "good", "{living:#}");

@@ -1,6 +1,6 @@
 //! `daemon iceoryx2-config`: a program that is not ours joins the domain with this configuration.
 
-use crate::common::{Daemon, TestDomain, daemon_command, finished};
+use crate::common::{Ended, TestDomain, daemon_command, run_daemon};
 use iceoryx2::config::Config;
 use iceoryx2::prelude::*;
 use shared_types::Estimate;
@@ -10,7 +10,7 @@ use std::os::unix::fs::PermissionsExt;
 fn a_node_with_the_printed_configuration_sees_the_services_and_its_mirrors_keep_as_much() {
     let domain = TestDomain::new();
     std::fs::remove_dir(domain.root()).unwrap();
-    let (code, text, log) = finished(daemon_command(&domain, &["iceoryx2-config"]).output().unwrap());
+    let Ended { code, out: text, log } = Ended::of(&mut daemon_command(&domain, &["iceoryx2-config"]));
     assert_eq!((code, log.as_str()), (Some(0), ""));
     let mode = std::fs::metadata(domain.root()).unwrap().permissions().mode();
     assert_eq!(mode & 0o777, 0o700, "the root path is made, and is its owner's alone");
@@ -21,7 +21,7 @@ fn a_node_with_the_printed_configuration_sees_the_services_and_its_mirrors_keep_
     let config = Config::from_file(&path).unwrap();
     assert_eq!(config, shared_types::service::config_for_others(&domain.domain));
 
-    let daemon = Daemon::start(&domain, &["--preset", "linear"]);
+    let daemon = run_daemon(&domain, &["--preset", "linear"]);
     domain.client();
     let node = NodeBuilder::new()
         .config(&config)
@@ -37,7 +37,7 @@ fn a_node_with_the_printed_configuration_sees_the_services_and_its_mirrors_keep_
     assert_eq!(ours.max_subscribers(), others.max_subscribers());
     assert!(ours.has_safe_overflow());
     drop((theirs, mirror, node));
-    assert_eq!(daemon.stop().0, Some(0));
+    assert_eq!(daemon.stop().code, Some(0));
     domain.domain.remove_if_unused().unwrap();
     domain.assert_clean();
 }

@@ -1,17 +1,13 @@
 //! The Python client (`shared_types/python`), run against real services by its own tests.
 
-#[path = "common/python.rs"]
-mod venv;
-
 use serde_json::{Value, json};
 use shared_types::payload::PAYLOADS;
 use shared_types::table::Kind;
 use shared_types::{Domain, service};
 use std::fs;
-use std::io::Write as _;
 use std::path::Path;
 use std::process::Command;
-use venv::{environment, pip_install, said};
+use testkit::python::{environment, pip_install, said};
 
 const PACKAGE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../shared_types/python");
 
@@ -76,17 +72,13 @@ fn facts() -> Value {
     })
 }
 
-/// Past the test's capture, so that a skipped test is not taken for a passed one.
-fn skip(reason: &str) {
-    let _ = writeln!(std::io::stderr(), "skipped: the Python client against a live service: {reason}");
-}
-
 #[test]
 fn the_python_client_works_with_a_live_service() {
     // Where this can be installed, what the package needs can be, too.
-    let python = match environment("python-client", &["flit_core>=3.4,<5"]) {
+    let directory = Path::new(env!("CARGO_TARGET_TMPDIR")).join("python-client");
+    let python = match environment(&directory, &["flit_core>=3.4,<5"]) {
         Ok(python) => python,
-        Err(reason) => return skip(&reason),
+        Err(reason) => return testkit::skip("the Python client against a live service", &reason),
     };
     pip_install(&python, &["--no-build-isolation", &format!("{PACKAGE}[test]")]).unwrap();
     let facts_file = tempfile::NamedTempFile::new().unwrap();

@@ -1,6 +1,8 @@
 //! Real-time settings of a real process, observed from outside: they are applied, read back and reported.
 
-use crate::common::{Daemon, TestDomain, Unprivileged, daemon_command, finished, preset_between, wait_until};
+use crate::common::{
+    Ended, Process, TestDomain, Unprivileged, daemon_command, preset_between, run_daemon, wait_until,
+};
 use rustix::thread::CapabilitySet;
 use shared_types::payload::real_time as bits;
 use std::collections::BTreeMap;
@@ -57,7 +59,7 @@ fn what_the_status_calls_granted_the_kernel_has() {
     let core = *allowed.last().unwrap();
     let config = asking(&format!("priority = 11\ncores = [{core}]\nlock_memory = true\nawake_cores = true"));
     let domain = TestDomain::new();
-    let daemon = Daemon::start(&domain, &["--config", path(&config)]);
+    let daemon = run_daemon(&domain, &["--config", path(&config)]);
     domain.client();
     wait_until("the settings to be known", || domain.status().real_time_requested != 0);
     let status = domain.status();
@@ -81,16 +83,16 @@ fn what_the_status_calls_granted_the_kernel_has() {
     assert_eq!(locked != "0 kB", granted(bits::LOCKED_MEMORY), "{locked}");
     assert!(granted(bits::LOCKED_MEMORY) || !daemon::system::real_time::has(CapabilitySet::IPC_LOCK));
 
-    let text = finished(daemon_command(&domain, &["control", "status"]).output().unwrap()).1;
+    let text = Ended::of(&mut daemon_command(&domain, &["control", "status"])).out;
     let line = text.lines().find(|line| line.trim().starts_with("real time")).unwrap();
     assert!(line.contains("granted:") && line.contains("punctual timers"), "{line}");
-    let text = finished(daemon_command(&domain, &["control", "status", "--json"]).output().unwrap()).1;
+    let text = Ended::of(&mut daemon_command(&domain, &["control", "status", "--json"])).out;
     let document: serde_json::Value = serde_json::from_str(&text).unwrap();
     let n_granted = document["real_time"]["granted"].as_array().unwrap().len();
     let n_refused = document["real_time"]["refused"].as_array().unwrap().len();
     assert_eq!(n_granted, status.real_time_granted.count_ones() as usize);
     assert_eq!(n_granted + n_refused, 5);
-    let (code, log) = daemon.stop();
+    let Ended { code, log, .. } = daemon.stop();
     assert_eq!(code, Some(0), "{log}");
     assert!(
         log.contains("real time: timers without slack") && log.contains(&format!("on cores [{core}]")),
@@ -103,14 +105,14 @@ fn what_the_status_calls_granted_the_kernel_has() {
 fn what_is_refused_is_told_with_reason_and_remedy_and_the_service_runs() {
     let nobody = Unprivileged::new();
     let config = asking("priority = 11\nlock_memory = true");
-    let mut daemon = Daemon::spawn(nobody.command(&["run", "--config", path(&config)]));
+    let mut daemon = Process::spawn(nobody.command(&["run", "--config", path(&config)]));
     wait_until("the service to answer", || {
         assert!(daemon.child.try_wait().unwrap().is_none(), "it ended");
         nobody.command(&["control", "status"]).output().unwrap().status.success()
     });
-    let text = finished(nobody.command(&["control", "status"]).output().unwrap()).1;
-    let json = finished(nobody.command(&["control", "status", "--json"]).output().unwrap()).1;
-    let (code, log) = daemon.stop();
+    let text = Ended::of(&mut nobody.command(&["control", "status"])).out;
+    let json = Ended::of(&mut nobody.command(&["control", "status", "--json"])).out;
+    let Ended { code, log, .. } = daemon.stop();
     assert_eq!(code, Some(0), "{log}");
     let document: serde_json::Value = serde_json::from_str(&json).unwrap();
     let refused = document["real_time"]["refused"].as_array().unwrap();
@@ -134,7 +136,7 @@ fn what_is_refused_is_told_with_reason_and_remedy_and_the_service_runs() {
 fn what_is_required_and_refused_starts_nothing() {
     let nobody = Unprivileged::new();
     let command = nobody.command(&["run", "--require-real-time", "--priority", "11"]);
-    let mut daemon = Daemon::spawn(command);
+    let mut daemon = Process::spawn(command);
     let domain = &nobody.domain;
     wait_until("a refusal, or a service", || {
         daemon.child.try_wait().unwrap().is_some() || !domain.domain.segments().unwrap().is_empty()
@@ -143,7 +145,7 @@ fn what_is_required_and_refused_starts_nothing() {
         assert!(!rustix::process::geteuid().is_root(), "it runs as nobody, without the right");
         return; // This user has the right.
     }
-    let (code, log) = daemon.finish();
+    let Ended { code, log, .. } = daemon.finish();
     assert_eq!(code, Some(1), "{log}");
     assert!(log.contains("required") && log.contains("SCHED_FIFO with priority 11"), "{log}");
     assert!(log.contains("LimitRTPRIO") && log.contains("daemon doctor"), "{log}");
@@ -152,9 +154,9 @@ fn what_is_required_and_refused_starts_nothing() {
     // What anyone is granted may be required.
     let domain = TestDomain::new();
     let core = daemon::system::real_time::allowed_cores()[0].to_string();
-    let daemon = Daemon::start(&domain, &["--require-real-time", "--cores", &core]);
+    let daemon = run_daemon(&domain, &["--require-real-time", "--cores", &core]);
     domain.client();
-    let (code, log) = daemon.stop();
+    let Ended { code, log, .. } = daemon.stop();
     assert_eq!(code, Some(0), "{log}");
 }
 
@@ -162,10 +164,10 @@ fn what_is_required_and_refused_starts_nothing() {
 fn cores_that_are_not_there_are_a_wrong_configuration() {
     let domain = TestDomain::new();
     let config = asking("cores = [1023]");
-    let (code, log) = Daemon::start(&domain, &["--config", path(&config)]).finish();
+    let Ended { code, log, .. } = run_daemon(&domain, &["--config", path(&config)]).finish();
     assert_eq!(code, Some(2), "{log}");
     assert!(log.contains("real_time.cores: found [1023]") && log.contains("line"), "{log}");
-    let (code, log) = Daemon::start(&domain, &["--priority", "99"]).finish();
+    let Ended { code, log, .. } = run_daemon(&domain, &["--priority", "99"]).finish();
     assert!(code == Some(2) && log.contains("1 … 98"), "{log}");
     domain.assert_clean();
 }

@@ -1,6 +1,6 @@
 //! The same samples through the service and through the library give the same estimates, bit for bit.
 
-use crate::common::{Daemon, TestDomain};
+use crate::common::{TestDomain, run_daemon};
 use daemon::assemble;
 use daemon::config::{ConfigFile, InputConfig};
 use daemon::engine::to_payload;
@@ -15,7 +15,7 @@ const PERIOD_NS: u64 = 5_000_000;
 fn the_service_and_the_library_agree_to_the_bit() {
     let domain = TestDomain::new();
     // Four ticks a sample: held outputs, pending updates and coasting are all seen between the samples.
-    let daemon = Daemon::start(&domain, &["--preset", "auv", "--rate-hz", "800"]);
+    let daemon = run_daemon(&domain, &["--preset", "auv", "--rate-hz", "800"]);
     let client = domain.client();
     let sensors = client.measurement_publisher().unwrap();
     let mut estimates = client.estimate_subscriber().unwrap();
@@ -48,7 +48,7 @@ fn the_service_and_the_library_agree_to_the_bit() {
     }
     let status = domain.status();
     assert_eq!(status.counters.samples_accepted as usize, sent.len(), "{status:?}");
-    assert_eq!(daemon.stop().0, Some(0));
+    assert_eq!(daemon.stop().code, Some(0));
 
     let mut config = ConfigFile::preset("auv").unwrap();
     config.config.rate_hz = 800.0;

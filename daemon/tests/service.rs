@@ -1,6 +1,6 @@
 //! The service as a real process with real shared memory, under good and bad input.
 
-use crate::common::{Daemon, PATIENCE, TestDomain, daemon_command, finished, preset_between, wait_until};
+use crate::common::{Ended, PATIENCE, TestDomain, daemon_command, preset_between, run_daemon, wait_until};
 use iceoryx2::prelude::*;
 use rustix::process::Signal;
 use shared_types::client::Latest;
@@ -29,7 +29,7 @@ fn period() {
 #[test]
 fn samples_go_in_and_estimates_come_out() {
     let domain = TestDomain::new();
-    let daemon = Daemon::start(&domain, &[]);
+    let daemon = run_daemon(&domain, &[]);
     let client = domain.client();
     let sensors = client.measurement_publisher().unwrap();
     let mut estimates = client.estimate_subscriber().unwrap();
@@ -84,7 +84,7 @@ fn samples_go_in_and_estimates_come_out() {
     assert_eq!(stale.status & status_bits::ADAPTING, 0);
     assert!(stale.is_finite());
     drop((sensors, estimates, latest, client));
-    let (code, log) = daemon.stop();
+    let Ended { code, log, .. } = daemon.stop();
     assert_eq!(code, Some(0), "{log}");
     assert!(log.contains("200 used, 0 lost, 0 rejected"), "{log}");
     domain.assert_clean();
@@ -93,7 +93,7 @@ fn samples_go_in_and_estimates_come_out() {
 #[test]
 fn a_killed_daemon_comes_back_and_the_stream_resumes_by_itself() {
     let domain = TestDomain::new();
-    let mut daemon = Daemon::start(&domain, &[]);
+    let mut daemon = run_daemon(&domain, &[]);
     let client = domain.client();
     let sensors = client.measurement_publisher().unwrap();
     let mut estimates = client.estimate_subscriber().unwrap();
@@ -117,11 +117,11 @@ fn a_killed_daemon_comes_back_and_the_stream_resumes_by_itself() {
         assert!(newest(&mut latest).source_stamp_ns > before_ns, "and so does the newest at a glance");
         daemon.signal(Signal::KILL);
         daemon.finish();
-        daemon = Daemon::start(&domain, &[]);
+        daemon = run_daemon(&domain, &[]);
     }
     drop((sensors, estimates, latest, client));
     domain.client();
-    let (code, log) = daemon.stop();
+    let Ended { code, log, .. } = daemon.stop();
     assert_eq!(code, Some(0), "{log}");
     domain.assert_clean();
 }
@@ -129,7 +129,7 @@ fn a_killed_daemon_comes_back_and_the_stream_resumes_by_itself() {
 #[test]
 fn commands_are_carried_out_and_answered() {
     let domain = TestDomain::new();
-    let _daemon = Daemon::start(&domain, &[]);
+    let _daemon = run_daemon(&domain, &[]);
     let client = domain.client();
     let sensors = client.measurement_publisher().unwrap();
     let mut latest = client.latest_estimate().unwrap();
@@ -160,16 +160,16 @@ fn commands_are_carried_out_and_answered() {
     let unknown = send(99);
     assert!(unknown.outcome == outcome::UNKNOWN && unknown.text().contains("99"));
 
-    let control = |arguments: &[&str]| finished(daemon_command(&domain, arguments).output().unwrap());
-    let (code, out, _) = control(&["control", "status"]);
+    let control = |arguments: &[&str]| Ended::of(&mut daemon_command(&domain, arguments));
+    let Ended { code, out, .. } = control(&["control", "status"]);
     assert!(code == Some(0) && out.contains("wake-up lateness"), "{out}");
     let accepted = out.lines().find(|line| line.trim_start().starts_with("samples accepted"));
     assert!(accepted.is_some_and(|line| line.trim_end().ends_with(" 220")), "{out}");
-    let (_, out, _) = control(&["control", "status", "--json"]);
+    let Ended { out, .. } = control(&["control", "status", "--json"]);
     assert!(out.starts_with('{') && out.contains("\"samples_accepted\": 220"), "{out}");
-    let (code, out, _) = control(&["control", "freeze"]);
+    let Ended { code, out, .. } = control(&["control", "freeze"]);
     assert!(code == Some(0) && out.contains("frozen"), "{out}");
-    let (code, out, log) = control(&["control", "save"]);
+    let Ended { code, out, log } = control(&["control", "save"]);
     assert!(code == Some(0) && out.contains(".snapshot"), "{out}{log}");
 }
 
@@ -178,7 +178,7 @@ fn commands_are_carried_out_and_answered() {
 fn every_sample_has_its_estimate_where_samples_are_trigger_and_clock() {
     let domain = TestDomain::new();
     let config = preset_between("trigger = \"sample\"\nclock = \"samples\"", "");
-    let _daemon = Daemon::start(&domain, &["--config", config.path().to_str().unwrap()]);
+    let _daemon = run_daemon(&domain, &["--config", config.path().to_str().unwrap()]);
     let client = domain.client();
     let sensors = client.measurement_publisher().unwrap();
     let mut estimates = client.estimate_subscriber().unwrap();
@@ -210,22 +210,22 @@ fn without_a_daemon_a_client_says_how_to_start_it() {
     let error = Client::connect(&domain.domain, "vehicle", Duration::from_millis(50)).unwrap_err();
     assert!(matches!(error, ClientError::NoDaemon { .. }));
     assert!(error.to_string().contains("daemon run --instance vehicle"), "{error}");
-    let (code, _, log) = finished(daemon_command(&domain, &["control", "status"]).output().unwrap());
+    let Ended { code, log, .. } = Ended::of(&mut daemon_command(&domain, &["control", "status"]));
     assert!(code == Some(1) && log.contains("daemon run"), "{log}");
 }
 
 #[test]
 fn a_second_daemon_of_the_same_instance_is_told_who_runs() {
     let domain = TestDomain::new();
-    let daemon = Daemon::start(&domain, &[]);
+    let daemon = run_daemon(&domain, &[]);
     domain.client();
-    let (code, log) = Daemon::start(&domain, &[]).finish();
+    let Ended { code, log, .. } = run_daemon(&domain, &[]).finish();
     assert_eq!(code, Some(1), "{log}");
     assert!(log.contains(&daemon.child.id().to_string()) && log.contains("--instance"), "{log}");
-    let other = Daemon::start(&domain, &["--instance", "second"]);
+    let other = run_daemon(&domain, &["--instance", "second"]);
     Client::connect(&domain.domain, "second", PATIENCE).unwrap();
-    assert_eq!(other.stop().0, Some(0));
-    assert_eq!(daemon.stop().0, Some(0));
+    assert_eq!(other.stop().code, Some(0));
+    assert_eq!(daemon.stop().code, Some(0));
     domain.assert_clean();
 }
 
@@ -255,7 +255,7 @@ fn a_service_of_another_type_or_quality_is_refused_with_the_reason() {
             let builder = node.service_builder(&name).publish_subscribe::<Measurement>();
             _small = builder.subscriber_max_buffer_size(2).create().unwrap();
         }
-        let (code, log) = Daemon::start(&domain, &[]).finish();
+        let Ended { code, log, .. } = run_daemon(&domain, &[]).finish();
         assert_eq!(code, Some(1), "{log}");
         assert!(log.contains("vehicle/measurement"), "{log}");
         let reason = if other_type { "another version of the payload" } else { "other qualities of service" };
@@ -272,17 +272,17 @@ fn start_order_does_not_matter_and_ctrl_c_ends_it_cleanly() {
         std::thread::spawn(move || Client::connect(&domain, "vehicle", PATIENCE).map(|_| ()))
     };
     std::thread::sleep(Duration::from_millis(300));
-    let daemon = Daemon::start(&domain, &[]);
+    let daemon = run_daemon(&domain, &[]);
     waiting.join().unwrap().unwrap();
     daemon.signal(Signal::INT);
-    assert_eq!(daemon.finish().0, Some(0));
+    assert_eq!(daemon.finish().code, Some(0));
     domain.assert_clean();
 }
 
 #[test]
 fn the_process_of_a_second_source_is_named() {
     let domain = TestDomain::new();
-    let _daemon = Daemon::start(&domain, &[]);
+    let _daemon = run_daemon(&domain, &[]);
     let (first, second) = (domain.client(), domain.client());
     let (a, b) = (first.measurement_publisher().unwrap(), second.measurement_publisher().unwrap());
     let mut sequence = 0;

@@ -1,6 +1,6 @@
 //! The notifications to systemd: readiness, the watchdog, which only ticks feed, and the end.
 
-use crate::common::{Daemon, PATIENCE, TestDomain, daemon_command, wait_until};
+use crate::common::{Ended, PATIENCE, Process, TestDomain, daemon_command, wait_until};
 use rustix::process::Signal;
 use std::os::unix::net::UnixDatagram;
 use std::time::{Duration, Instant};
@@ -19,11 +19,11 @@ impl Manager {
         Self { socket, directory }
     }
 
-    fn start(&self, domain: &TestDomain, timeout: Duration, arguments: &[&str]) -> Daemon {
+    fn start(&self, domain: &TestDomain, timeout: Duration, arguments: &[&str]) -> Process {
         let mut command = daemon_command(domain, &[&["run"], arguments].concat());
         command.env("NOTIFY_SOCKET", self.directory.path().join("notify"));
         command.env("WATCHDOG_USEC", timeout.as_micros().to_string());
-        Daemon::spawn(command)
+        Process::spawn(command)
     }
 
     /// The next message, if one arrives soon.
@@ -74,7 +74,7 @@ fn ready_then_fed_by_ticks_then_stopping() {
 
     daemon.signal(Signal::TERM);
     manager.hear_until("STOPPING=1\n");
-    let (code, log) = daemon.finish();
+    let Ended { code, log, .. } = daemon.finish();
     assert_eq!(code, Some(0), "{log}");
     domain.assert_clean();
 }

@@ -1,6 +1,8 @@
 //! Snapshots: what was learned is written completely, resumed to the bit, and refused if its design is another one.
 
-use crate::common::{Daemon, PATIENCE, TestDomain, daemon_command, finished, preset_between, wait_until};
+use crate::common::{
+    Ended, PATIENCE, Process, TestDomain, daemon_command, preset_between, run_daemon, wait_until,
+};
 use daemon::ServiceFiles;
 use daemon::assemble;
 use daemon::config::ConfigFile;
@@ -134,16 +136,16 @@ fn norm(client: &Client) -> f64 {
 #[test]
 fn a_restart_goes_on_with_what_was_learned_and_with_the_state() {
     let domain = TestDomain::new();
-    let daemon = Daemon::start(&domain, &[]);
+    let daemon = run_daemon(&domain, &[]);
     let client = domain.client();
     let flown = fly(&client, 0, 300);
     let learned = norm(&client);
     assert!(learned > 1.0, "{learned}");
-    let (code, log) = daemon.stop();
+    let Ended { code, log, .. } = daemon.stop();
     assert_eq!(code, Some(0), "{log}");
     assert!(snapshot_path(&domain).exists());
 
-    let daemon = Daemon::start(&domain, &[]);
+    let daemon = run_daemon(&domain, &[]);
     let client_again = domain.client();
     assert_eq!(domain.status().snapshot_restored, restored::LEARNED_AND_STATE);
     assert!((norm(&client_again) - learned).abs() < 0.1 * learned, "{}", norm(&client_again));
@@ -163,14 +165,14 @@ fn a_restart_goes_on_with_what_was_learned_and_with_the_state() {
     let path = snapshot_path(&domain);
     let show = |arguments: &[&str]| {
         let mut command = std::process::Command::new(env!("CARGO_BIN_EXE_daemon"));
-        finished(command.args(["snapshot", "show"]).args(arguments).output().unwrap())
+        Ended::from(command.args(["snapshot", "show"]).args(arguments).output().unwrap())
     };
-    let (code, out, log) = show(&[path.to_str().unwrap()]);
+    let Ended { code, out, log } = show(&[path.to_str().unwrap()]);
     assert!(
         code == Some(0) && out.contains("velocity (m/s)") && out.contains("translation.mass_kg"),
         "{out}{log}"
     );
-    let (code, out, _) = show(&[path.to_str().unwrap(), "--json"]);
+    let Ended { code, out, .. } = show(&[path.to_str().unwrap(), "--json"]);
     let document: serde_json::Value = serde_json::from_str(&out).unwrap();
     assert!(code == Some(0) && document["kept"]["learned"].as_array().unwrap().len() > 100, "{out}");
     assert_eq!(document["instance"], "vehicle");
@@ -178,10 +180,10 @@ fn a_restart_goes_on_with_what_was_learned_and_with_the_state() {
     // After a kill the service resumes what was saved last.
     daemon.signal(Signal::KILL);
     daemon.finish();
-    let daemon = Daemon::start(&domain, &[]);
+    let daemon = run_daemon(&domain, &[]);
     domain.client();
     assert_eq!(domain.status().snapshot_restored, restored::LEARNED_AND_STATE);
-    let (_, log) = daemon.stop();
+    let Ended { log, .. } = daemon.stop();
     assert!(log.contains("goes on, state included"), "{log}");
     drop((latest, client, client_again));
 }
@@ -189,24 +191,24 @@ fn a_restart_goes_on_with_what_was_learned_and_with_the_state() {
 #[test]
 fn another_design_is_refused_by_name_and_fresh_begins_anew() {
     let domain = TestDomain::new();
-    let daemon = Daemon::start(&domain, &[]);
+    let daemon = run_daemon(&domain, &[]);
     fly(&domain.client(), 0, 100);
-    assert_eq!(daemon.stop().0, Some(0));
+    assert_eq!(daemon.stop().code, Some(0));
 
     let heavier = tempfile::NamedTempFile::new().unwrap();
     let text = daemon::config::PRESETS[0].1.replace("mass_kg = 2.0", "mass_kg = 3.0");
     assert_ne!(text, daemon::config::PRESETS[0].1);
     std::fs::write(heavier.path(), text).unwrap();
     let arguments = ["--config", heavier.path().to_str().unwrap()];
-    let (code, log) = Daemon::start(&domain, &arguments).finish();
+    let Ended { code, log, .. } = run_daemon(&domain, &arguments).finish();
     assert_eq!(code, Some(2), "{log}");
     for needed in ["translation.mass_kg was 2.0 and is 3.0", "--fresh", ".snapshot"] {
         assert!(log.contains(needed), "{log}");
     }
-    let daemon = Daemon::start(&domain, &[&arguments[..], &["--fresh"]].concat());
+    let daemon = run_daemon(&domain, &[&arguments[..], &["--fresh"]].concat());
     domain.client();
     assert_eq!(domain.status().snapshot_restored, restored::NOTHING);
-    let (code, log) = daemon.stop();
+    let Ended { code, log, .. } = daemon.stop();
     assert_eq!(code, Some(0), "{log}");
     let mut old = snapshot_path(&domain).into_os_string();
     old.push(".old");
@@ -216,10 +218,10 @@ fn another_design_is_refused_by_name_and_fresh_begins_anew() {
     let text =
         std::fs::read_to_string(heavier.path()).unwrap().replacen("gain_per_s = ", "gain_per_s = 1", 1);
     std::fs::write(gains.path(), text).unwrap();
-    let daemon = Daemon::start(&domain, &["--config", gains.path().to_str().unwrap()]);
+    let daemon = run_daemon(&domain, &["--config", gains.path().to_str().unwrap()]);
     domain.client();
     assert_ne!(domain.status().snapshot_restored, restored::NOTHING);
-    assert_eq!(daemon.stop().0, Some(0));
+    assert_eq!(daemon.stop().code, Some(0));
 }
 
 #[test]
@@ -227,15 +229,15 @@ fn a_damaged_file_is_set_aside_and_keeps_nothing_on_the_ground() {
     let domain = TestDomain::new();
     // A file of another version is not damaged: it is refused.
     std::fs::write(snapshot_path(&domain), b"obs-snap\x07\0\0\0and what only that one knows").unwrap();
-    let (code, log) = Daemon::start(&domain, &[]).finish();
+    let Ended { code, log, .. } = run_daemon(&domain, &[]).finish();
     assert!(code == Some(2) && log.contains("version 7") && log.contains("--fresh"), "{log}");
     std::fs::write(snapshot_path(&domain), b"obs-snap\x02\0\0\0sum and then something else").unwrap();
-    let daemon = Daemon::start(&domain, &[]);
+    let daemon = run_daemon(&domain, &[]);
     domain.client();
     assert_eq!(domain.status().snapshot_restored, restored::NOTHING);
-    let (code, log) = daemon.stop();
+    let Ended { code, log, .. } = daemon.stop();
     assert!(code == Some(0) && log.contains(".damaged"), "{log}");
-    let (code, _, log) = finished({
+    let Ended { code, log, .. } = Ended::from({
         let mut aside = snapshot_path(&domain).into_os_string();
         aside.push(".damaged");
         let mut command = std::process::Command::new(env!("CARGO_BIN_EXE_daemon"));
@@ -248,7 +250,7 @@ fn a_damaged_file_is_set_aside_and_keeps_nothing_on_the_ground() {
 fn a_snapshot_is_written_every_so_often_and_a_full_disk_is_counted() {
     let domain = TestDomain::new();
     let config = preset_between("", "[snapshot]\nsave_every_s = 0.2");
-    let daemon = Daemon::start(&domain, &["--config", config.path().to_str().unwrap()]);
+    let daemon = run_daemon(&domain, &["--config", config.path().to_str().unwrap()]);
     let client = domain.client();
     wait_until("three snapshots", || domain.status().snapshots_saved >= 3);
     assert!(domain.status().snapshot_stamp_ns > 0);
@@ -263,18 +265,18 @@ fn a_snapshot_is_written_every_so_often_and_a_full_disk_is_counted() {
         reply.text()
     );
     drop(client);
-    let (code, log) = daemon.stop();
+    let Ended { code, log, .. } = daemon.stop();
     assert!(code == Some(0) && log.contains("cannot be written"), "{log}");
 }
 
 #[test]
 fn without_a_directory_nothing_is_kept_and_that_is_said() {
     let domain = TestDomain::new();
-    let daemon = Daemon::start(&domain, &["--state", "none"]);
+    let daemon = run_daemon(&domain, &["--state", "none"]);
     domain.client();
-    let (code, _, log) = finished(daemon_command(&domain, &["control", "save"]).output().unwrap());
+    let Ended { code, log, .. } = Ended::of(&mut daemon_command(&domain, &["control", "save"]));
     assert!(code == Some(1) && log.contains("--state DIR"), "{log}");
-    let (_, log) = daemon.stop();
+    let Ended { log, .. } = daemon.stop();
     assert!(log.contains("no snapshots"), "{log}");
     assert!(!snapshot_path(&domain).exists());
 }
@@ -287,19 +289,19 @@ fn a_default_directory_that_cannot_be_made_is_no_reason_to_stay_on_the_ground() 
     let run = |configure: &dyn Fn(&mut std::process::Command)| {
         let mut command = daemon_command(&domain, &["run"]);
         configure(command.env_remove("OBSERVER_STATE"));
-        let child = command.stdout(std::process::Stdio::piped()).stderr(std::process::Stdio::piped()).spawn();
-        Daemon::of(child.unwrap())
+        Process::spawn(command)
     };
     let daemon = run(&|command| _ = command.env("STATE_DIRECTORY", file.path().join("below")));
     domain.client();
-    let (code, log) = daemon.stop();
+    let Ended { code, log, .. } = daemon.stop();
     assert!(code == Some(0) && log.contains("below") && log.contains("no snapshots"), "{log}");
-    // A directory that was requested explicitly must be usable, and must not be writable by others.
-    let (code, log) = run(&|command| _ = command.env("OBSERVER_STATE", file.path().join("below"))).finish();
+    // What somebody asked for is not left out, and neither is a directory that others may write to.
+    let Ended { code, log, .. } =
+        run(&|command| _ = command.env("OBSERVER_STATE", file.path().join("below"))).finish();
     assert!(code == Some(1) && log.contains("below"), "{log}");
     let open = std::os::unix::fs::PermissionsExt::from_mode(0o777);
     std::fs::set_permissions(domain.state.path(), open).unwrap();
-    let (code, log) = Daemon::start(&domain, &[]).finish();
+    let Ended { code, log, .. } = run_daemon(&domain, &[]).finish();
     assert!(code == Some(1) && log.contains("chmod go-w"), "{log}");
 }
 
@@ -314,7 +316,7 @@ fn what_another_one_planted_does_no_harm() {
         PathBuf::from(name)
     };
     std::os::unix::fs::symlink(victim.path(), beside(".new")).unwrap();
-    let daemon = Daemon::start(&domain, &[]);
+    let daemon = run_daemon(&domain, &[]);
     domain.client();
     let second = ServiceFiles { state: Some(domain.state.path().into()), ..ServiceFiles::default() };
     // Another container: its domain is another one of the same name.
@@ -325,12 +327,12 @@ fn what_another_one_planted_does_no_harm() {
     ))
     .unwrap_err();
     assert!(error.to_string().contains("another service's"), "{error}");
-    assert_eq!(daemon.stop().0, Some(0));
+    assert_eq!(daemon.stop().code, Some(0));
     assert_eq!(std::fs::read(victim.path()).unwrap(), b"");
     assert!(snapshot_path(&domain).metadata().unwrap().is_file());
     std::fs::remove_file(snapshot_path(&domain)).unwrap();
     assert!(std::process::Command::new("mkfifo").arg(snapshot_path(&domain)).status().unwrap().success());
-    let (code, log) = Daemon::start(&domain, &[]).finish();
+    let Ended { code, log, .. } = run_daemon(&domain, &[]).finish();
     assert!(code == Some(1) && log.contains("not a regular file"), "{log}");
 }
 
@@ -338,7 +340,7 @@ fn what_another_one_planted_does_no_harm() {
 #[test]
 fn what_is_forgotten_is_kept_beside() {
     let domain = TestDomain::new();
-    let daemon = Daemon::start(&domain, &[]);
+    let daemon = run_daemon(&domain, &[]);
     let client = domain.client();
     fly(&client, 0, 200);
     let learned =
@@ -358,12 +360,12 @@ fn what_is_forgotten_is_kept_beside() {
     };
     forget_again(&client);
     assert!(learned(old.clone().into()));
-    assert_eq!(daemon.stop().0, Some(0));
-    let daemon = Daemon::start(&domain, &["--fresh"]);
+    assert_eq!(daemon.stop().code, Some(0));
+    let daemon = run_daemon(&domain, &["--fresh"]);
     forget_again(&domain.client());
     assert!(learned(old.into()));
     drop(client);
-    assert_eq!(daemon.stop().0, Some(0));
+    assert_eq!(daemon.stop().code, Some(0));
 }
 
 /// A service whose standard error is closed falls back without a log line, and continues.
@@ -371,7 +373,7 @@ fn what_is_forgotten_is_kept_beside() {
 fn a_closed_log_ends_nothing() {
     let domain = TestDomain::new();
     let config = preset_between("", "[input]\nmax_unknown_force_n = 2.0\nstuck = \"off\"");
-    let mut daemon = Daemon::start(&domain, &["--config", config.path().to_str().unwrap()]);
+    let mut daemon = run_daemon(&domain, &["--config", config.path().to_str().unwrap()]);
     drop(daemon.child.stderr.take());
     let client = domain.client();
     let sensors = client.measurement_publisher().unwrap();

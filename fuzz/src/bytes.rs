@@ -24,7 +24,6 @@ impl Bytes<'_> {
         array
     }
 
-    /// A byte.
     pub(crate) fn byte(&mut self) -> u8 {
         self.array::<1>()[0]
     }

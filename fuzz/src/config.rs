@@ -7,7 +7,6 @@ use daemon::config::{Config, ConfigFile};
 /// A design takes N³ operations: those of more centers are parsed and printed, not built.
 const MAX_CENTERS: usize = 64;
 
-/// One run.
 pub(crate) fn run(bytes: &[u8]) {
     let Ok(text) = str::from_utf8(bytes) else { return };
     let file = match ConfigFile::parse("fuzz".into(), text.into()) {

@@ -5,9 +5,6 @@ use shared_types::Measurement;
 use shared_types::payload::valid;
 
 /// Any bytes as a log: refused with a sentence, or a flight whose samples are numbered from 0 with unit attitudes.
-///
-/// # Panics
-/// If it is neither.
 pub(crate) fn check_log(importer: &dyn Importer, bytes: &[u8], options: &ImportOptions) {
     let Some(flight) = check_recording(parse_flight(importer, bytes, "fuzz", options)) else { return };
     for (sequence, sample) in flight.samples.iter().enumerate() {
@@ -21,9 +18,6 @@ fn norm(sample: &Measurement) -> f64 {
 }
 
 /// The same for the service's own recordings, which keep gaps and attitudes as they were; the flight, if it is one.
-///
-/// # Panics
-/// If one does not.
 pub(crate) fn check_recording(flight: Result<RecordedFlight, ImportError>) -> Option<RecordedFlight> {
     let flight = match flight {
         Ok(flight) => flight,

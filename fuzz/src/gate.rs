@@ -6,7 +6,6 @@ use daemon::config::{InputConfig, SourcePolicy};
 use daemon::gate::Gate;
 use observer::Velocity;
 
-/// One run.
 pub(crate) fn run(bytes: &[u8]) {
     let mut bytes = Bytes(bytes);
     let kind = bytes.byte();

@@ -3,7 +3,6 @@
 use crate::flights::check_log;
 use importers::{Acsl, ImportOptions};
 
-/// One run.
 pub(crate) fn run(bytes: &[u8]) {
     check_log(&Acsl, bytes, &ImportOptions::default());
 }

@@ -5,7 +5,6 @@ use importers::{Csv, CsvMap, ImportOptions};
 
 const BETWEEN: &[u8] = b"\n---\n";
 
-/// One run.
 pub(crate) fn run(bytes: &[u8]) {
     let Some(at) = bytes.windows(BETWEEN.len()).position(|window| window == BETWEEN) else { return };
     let Ok(map) = str::from_utf8(&bytes[..at]) else { return };

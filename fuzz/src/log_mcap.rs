@@ -3,7 +3,6 @@
 use crate::flights::check_recording;
 use importers::{CsvMap, ImportOptions, Mcap, parse_flight};
 
-/// One run.
 pub(crate) fn run(bytes: &[u8]) {
     let pairs = ["x", "y", "z"].map(|axis| format!("velocity_{axis}=/a:v.{axis}"));
     for pairs in [&pairs[..0], &pairs] {

@@ -3,7 +3,6 @@
 use crate::flights::check_log;
 use importers::{ImportOptions, Ulog};
 
-/// One run.
 pub(crate) fn run(bytes: &[u8]) {
     let options =
         ImportOptions { thrust_n: Some(30.0), torque_n_m: Some([1.0; 3]), ..ImportOptions::default() };

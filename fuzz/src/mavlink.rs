@@ -19,7 +19,6 @@ fn framed(id: u32, sequence: u8, payload: &[u8]) -> Vec<u8> {
     bytes
 }
 
-/// One run.
 pub(crate) fn run(bytes: &[u8]) {
     let mut bytes = Bytes(bytes);
     let mut bridge = Bridge::new(Settings {

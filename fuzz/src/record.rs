@@ -32,7 +32,6 @@ fn read_all(bytes: &[u8]) -> Option<(usize, u64)> {
     Some((frames, reader.torn_bytes()))
 }
 
-/// One run.
 pub(crate) fn run(bytes: &[u8]) {
     if let Some((frames, torn)) = read_all(bytes) {
         assert!(frames > 0 || torn > 0 || bytes.is_empty() || bytes.chunks(16).all(|chunk| chunk == MARK));

@@ -15,7 +15,6 @@ thread_local! {
     }) };
 }
 
-/// One run.
 pub(crate) fn run(bytes: &[u8]) {
     let _ = Snapshot::decode(bytes);
     // With a sum that fits, what is behind it is reached.

@@ -55,7 +55,6 @@ fn with_few_centers(name: &str) -> ConfigFile {
     file
 }
 
-/// One run.
 pub(crate) fn run(bytes: &[u8]) {
     let mut bytes = Bytes(bytes);
     let kind = usize::from(bytes.byte());

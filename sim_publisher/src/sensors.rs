@@ -149,14 +149,8 @@ impl SensorSuite {
     }
 }
 
-/// The white noise of one sample.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct Noise {
-    velocity: Vector3<f64>,
-    angular_velocity: Vector3<f64>,
-    position: Vector3<f64>,
-    attitude: Vector3<f64>,
-}
+/// The white noise of one sample: of velocity, angular velocity, position and attitude.
+type Noise = [Vector3<f64>; 4];
 
 /// The sensors of a run.
 #[derive(Debug, Clone)]
@@ -164,33 +158,19 @@ pub(crate) struct Sensors {
     suite: SensorSuite,
     rate_hz: f64,
     started: bool,
-    velocity: ChaCha8Rng,
-    angular_velocity: ChaCha8Rng,
-    position: ChaCha8Rng,
-    attitude: ChaCha8Rng,
+    /// In the order of [`Noise`].
+    streams: [ChaCha8Rng; 4],
 }
 
 impl Sensors {
     pub(crate) fn new(suite: SensorSuite, rate_hz: f64, seed: u64) -> Self {
-        Self {
-            suite,
-            rate_hz,
-            started: false,
-            velocity: Chance::Velocity.stream(seed),
-            angular_velocity: Chance::AngularVelocity.stream(seed),
-            position: Chance::Position.stream(seed),
-            attitude: Chance::Attitude.stream(seed),
-        }
+        let chances = [Chance::Velocity, Chance::AngularVelocity, Chance::Position, Chance::Attitude];
+        Self { suite, rate_hz, started: false, streams: chances.map(|chance| chance.stream(seed)) }
     }
 
     /// Draws the noise of a sample; once for each, lost ones included.
     pub(crate) fn draw(&mut self) -> Noise {
-        Noise {
-            velocity: white(&mut self.velocity),
-            angular_velocity: white(&mut self.angular_velocity),
-            position: white(&mut self.position),
-            attitude: white(&mut self.attitude),
-        }
+        self.streams.each_mut().map(white)
     }
 
     /// Sample `index`, taken at `t_s`. The first one asked for is the start.
@@ -204,10 +184,11 @@ impl Sensors {
     ) -> Measurement {
         let is_start = !std::mem::replace(&mut self.started, true);
         let suite = &self.suite;
+        let [velocity_noise, angular_noise, position_noise, attitude_noise] = noise;
         let is_due = |sensor: &VectorSensor| sensor.schedule.is_due(index, self.rate_hz, is_start);
         let mut sample = Measurement::at(stamp_ns(t_s), index);
         if is_due(&suite.velocity) {
-            let error = suite.velocity.error(t_s, &noise.velocity);
+            let error = suite.velocity.error(t_s, velocity_noise);
             sample = match suite.velocity_frame {
                 VelocityFrame::Inertial => sample.with_velocity_m_s((state.velocity_m_s + error).into()),
                 VelocityFrame::Body => {
@@ -217,17 +198,17 @@ impl Sensors {
             };
         }
         if is_due(&suite.angular_velocity) {
-            let error = suite.angular_velocity.error(t_s, &noise.angular_velocity);
+            let error = suite.angular_velocity.error(t_s, angular_noise);
             sample = sample.with_angular_velocity_rad_s((state.angular_velocity_rad_s + error).into());
         }
         if suite.position.exists() && is_start {
             sample = sample.with_position_m(state.position_m.into());
         } else if is_due(&suite.position) {
-            let error = suite.position.error(t_s, &noise.position);
+            let error = suite.position.error(t_s, position_noise);
             sample = sample.with_position_m((state.position_m + error).into());
         }
         if is_due(&suite.attitude) {
-            let error = UnitQuaternion::new(suite.attitude.error(t_s, &noise.attitude));
+            let error = UnitQuaternion::new(suite.attitude.error(t_s, attitude_noise));
             sample = sample.with_attitude_wxyz(wxyz(&(state.rotation() * error)));
         }
         if suite.commands_force {
@@ -353,18 +334,14 @@ mod tests {
     #[test]
     fn every_kind_of_chance_draws_from_a_stream_of_its_own() {
         use std::collections::HashSet;
-        let sensors = Sensors::new(SensorSuite::nothing(), 100.0, 4);
-        let streams = [
+        let mut streams = Sensors::new(SensorSuite::nothing(), 100.0, 4).streams.to_vec();
+        streams.extend([
             Chance::Disturbance.stream(4),
             SampleTimes::new(100.0, 0.0, 4).random,
             Losses::new(0.0, Vec::new(), 4).random,
             Chance::Faults(0).stream(4),
             Chance::Faults(1).stream(4),
-            sensors.velocity,
-            sensors.angular_velocity,
-            sensors.position,
-            sensors.attitude,
-        ];
+        ]);
         let firsts: HashSet<u64> = streams.into_iter().map(|mut stream| stream.random()).collect();
         assert_eq!(firsts.len(), 9);
     }

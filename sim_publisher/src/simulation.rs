@@ -280,6 +280,16 @@ impl Iterator for Simulation {
     }
 }
 
+/// The largest of a number over a run of this length, made of the time (s) and the true state.
+#[cfg(test)]
+pub(crate) fn largest(scenario: Scenario, duration_s: f64, of: impl Fn(f64, &Truth) -> f64) -> f64 {
+    let options = SimulationOptions { duration_s: Some(duration_s), ..SimulationOptions::of(scenario) };
+    let truths = Simulation::new(&options).unwrap().map(|sample| sample.truth);
+    let largest = truths.map(|truth| of(truth.stamp_ns as f64 * 1e-9, &truth)).fold(0.0, f64::max);
+    println!("{}: at most {largest:?}", scenario.name());
+    largest
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

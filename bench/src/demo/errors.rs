@@ -45,13 +45,29 @@ impl Run {
 
     /// The estimates that the same samples give at the same instants if nothing is learned.
     pub(super) fn without_adaptation(&self, config: &ConfigFile) -> anyhow::Result<Vec<Estimate>> {
+        let taken_at_ns = |sample: &Measurement, estimate: &Estimate| {
+            (sample.sequence <= estimate.source_sequence).then_some(estimate.stamp_ns)
+        };
+        self.flown_again(config, self.measurements.iter().copied(), taken_at_ns, Learn::FROZEN)
+    }
+
+    /// The estimates that these samples give at the instants of the run's own. `taken_at_ns` is when a sample is taken, if
+    /// that is before the estimate.
+    pub(super) fn flown_again(
+        &self,
+        config: &ConfigFile,
+        samples: impl Iterator<Item = Measurement>,
+        taken_at_ns: impl Fn(&Measurement, &Estimate) -> Option<u64>,
+        learn: Learn,
+    ) -> anyhow::Result<Vec<Estimate>> {
         let mut observer = assemble::rigid_body(config)?;
         let mut gate = Gate::new(config.config.input, true);
-        let mut measurements = self.measurements.iter().peekable();
+        let mut samples = samples.peekable();
         let estimates = self.estimates.iter().map(|estimate| {
-            while let Some(m) = measurements.next_if(|m| m.sequence <= estimate.source_sequence) {
-                if let Ok(accepted) = gate.judge(m, 0, estimate.stamp_ns) {
-                    observer.accept(&accepted.sample, Learn::FROZEN);
+            while let Some(taken_ns) = samples.peek().and_then(|sample| taken_at_ns(sample, estimate)) {
+                let sample = samples.next().expect("it was peeked at");
+                if let Ok(accepted) = gate.judge(&sample, 0, taken_ns) {
+                    observer.accept(&accepted.sample, learn);
                 }
             }
             Estimate { status: estimate.status, ..to_payload(&observer.estimate(estimate.stamp_ns).into()) }

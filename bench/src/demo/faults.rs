@@ -9,10 +9,7 @@ use super::errors::{Quantity, Run};
 use crate::harness::output::table;
 use crate::plot::{Line, LineStyle, Panel, Shade};
 use anyhow::{Context, bail};
-use daemon::assemble;
 use daemon::config::ConfigFile;
-use daemon::engine::to_payload;
-use daemon::gate::Gate;
 use observer::Learn;
 use serde_json::{Map, Value, json};
 use shared_types::outln;
@@ -41,19 +38,11 @@ pub(super) fn without_faults(
 ) -> anyhow::Result<Vec<Estimate>> {
     let start_ns = run.truths[0].stamp_ns;
     let measured = Simulation::new(options)?.filter_map(|sample| sample.measurement);
-    let mut measured =
-        measured.map(|sample| Measurement { stamp_ns: start_ns + sample.stamp_ns, ..sample }).peekable();
-    let mut observer = assemble::rigid_body(config)?;
-    let mut gate = Gate::new(config.config.input, true);
-    let estimates = run.estimates.iter().map(|estimate| {
-        while let Some(sample) = measured.next_if(|sample| sample.stamp_ns <= estimate.stamp_ns) {
-            if let Ok(accepted) = gate.judge(&sample, 0, sample.stamp_ns) {
-                observer.accept(&accepted.sample, Learn::ALL);
-            }
-        }
-        to_payload(&observer.estimate(estimate.stamp_ns).into())
-    });
-    Ok(estimates.collect())
+    let measured = measured.map(|sample| Measurement { stamp_ns: start_ns + sample.stamp_ns, ..sample });
+    let taken_at_ns = |sample: &Measurement, estimate: &Estimate| {
+        (sample.stamp_ns <= estimate.stamp_ns).then_some(sample.stamp_ns)
+    };
+    run.flown_again(config, measured, taken_at_ns, Learn::ALL)
 }
 
 /// An error over time: (s after the start, error), in the order of time.

@@ -17,10 +17,10 @@ mod recording;
 mod report;
 
 use crate::harness::output::{say_if_stopped, show};
-use crate::harness::processes::stop_flag;
 use crate::plot::Figure;
 use anyhow::{Context, ensure};
 use clap::Args;
+use command_line::stop_flag;
 use daemon::assemble;
 use daemon::config::ConfigFile;
 use errors::{Quantity, RmsMax, Run};
@@ -86,9 +86,6 @@ fn preset_of(scenario: Scenario) -> &'static str {
 }
 
 /// Runs `bench demo`.
-///
-/// # Errors
-/// A process does not start or fails; shared memory or the output directory cannot be used.
 pub(crate) fn run(arguments: &DemoArguments) -> anyhow::Result<()> {
     ensure!(
         arguments.duration.is_finite() && arguments.duration >= 1.0,

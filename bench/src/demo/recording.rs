@@ -210,9 +210,6 @@ impl Progress {
 
 /// Every true state of the run, also those that a dead process did not publish: the simulation depends on its options
 /// alone.
-///
-/// # Errors
-/// A published state that differs from the simulation's.
 pub(super) fn whole_truth(recording: &Recording, options: &SimulationOptions) -> anyhow::Result<Vec<Truth>> {
     let start_ns = recording.summary["start_stamp_ns"]
         .as_u64()

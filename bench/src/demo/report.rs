@@ -2,13 +2,13 @@
 
 use super::errors::{Quantity, RmsMax, Run, quaternion, truth_at};
 use super::faults::FaultReport;
-use crate::harness::latency::HEADER;
+use crate::harness::latency::latency_table;
 use crate::harness::output::table;
 use crate::plot::{Line, LineStyle, Panel};
 use serde_json::{Map, Value, json};
 use shared_types::Truth;
 use shared_types::outln;
-use shared_types::payload::{Estimate, LatencySummary, Rejection, Status};
+use shared_types::payload::{Estimate, Rejection, Status};
 use sim_publisher::Scenario;
 use std::path::Path;
 
@@ -60,12 +60,7 @@ impl Report {
             ("step, wake-up to publication", status.step_ns),
             ("source's stamp to publication", status.source_to_publish_ns),
         ];
-        let rows = rows.map(|(name, latency)| {
-            let LatencySummary { count, p50, p90, p99, p999, max } = latency;
-            let us = [p50, p90, p99, p999, max].map(|ns| format!("{:.1}", ns as f64 / 1e3));
-            [name.to_owned(), count.to_string()].into_iter().chain(us)
-        });
-        outln!("{}\n", table(&[["latency (µs)"].as_slice(), &HEADER].concat(), 1, rows));
+        outln!("{}\n", latency_table("latency (µs)", rows));
         if let Some(faults) = &self.faults {
             faults.print();
         }

@@ -43,13 +43,10 @@ impl FlightArguments {
         &self.import.file
     }
 
-    /// Reads both. Of the flight only the part in the air is used, if its format marks it.
-    ///
-    /// # Errors
-    /// A file that cannot be read, or a flight that is too short.
+    /// Reads both; of the flight the part in the air, where its format tells.
     pub(crate) fn read(&self) -> anyhow::Result<Replay> {
         let importer = self.import.importer()?;
-        let config = match (&self.config, &self.preset, importer.name()) {
+        let config = match (&self.config, &self.preset, importer.format().name) {
             (Some(path), _, _) => ConfigFile::read(path)?,
             (None, Some(name), _) => ConfigFile::preset(name)?,
             (None, None, "acsl") => ConfigFile::preset("acsl-x8")?,

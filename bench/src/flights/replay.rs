@@ -69,9 +69,6 @@ struct Document {
 }
 
 /// Runs `bench replay`.
-///
-/// # Errors
-/// The flight or the configuration cannot be read, or the flight is too short.
 pub(crate) fn run(arguments: &ReplayArguments) -> anyhow::Result<()> {
     if arguments.check {
         return check::run(arguments.flight.file(), arguments.json);

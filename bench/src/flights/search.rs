@@ -130,9 +130,6 @@ fn spacing_of(values: &Values) -> f64 {
 
 impl<'a> Search<'a> {
     /// A search from this configuration, on this flight.
-    ///
-    /// # Errors
-    /// A configuration without a lattice of centers, or one that cannot fly.
     pub(super) fn new(
         start: &'a ConfigFile,
         flight: &'a Flight,
@@ -157,9 +154,6 @@ impl<'a> Search<'a> {
     }
 
     /// Tries about `n_evaluations` configurations, and chooses one.
-    ///
-    /// # Errors
-    /// No configuration was accepted.
     pub(super) fn run(mut self, n_evaluations: u64) -> anyhow::Result<Chosen> {
         self.descend(n_evaluations)?;
         let tried = std::mem::take(self.tried.get_mut().expect(UNPOISONED));

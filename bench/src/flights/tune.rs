@@ -67,9 +67,6 @@ struct Document {
 }
 
 /// Runs `bench tune`.
-///
-/// # Errors
-/// The flight or the configuration cannot be used, or the result not be written.
 pub(crate) fn run(arguments: &TuneArguments) -> anyhow::Result<()> {
     let weight = arguments.coast_weight;
     ensure!((0.0..=1.0).contains(&weight), "--coast-weight {weight}: needed: 0 … 1");

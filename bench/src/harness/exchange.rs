@@ -56,7 +56,6 @@ impl From<&Estimate> for Reply {
 
 /// A connection for samples and estimates.
 pub(crate) trait Exchange {
-    /// Sends a sample.
     fn send(&mut self, sample: &Measurement) -> anyhow::Result<()>;
     /// The oldest reply not yet taken.
     fn poll(&mut self) -> anyhow::Result<Option<Reply>>;

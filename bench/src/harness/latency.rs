@@ -1,6 +1,7 @@
 //! Quantiles of latencies, and their columns in tables.
 
-use super::output::microseconds;
+use super::output::{microseconds, table};
+use comfy_table::Table;
 use shared_types::LatencySummary;
 
 /// The smallest sample that a share `q` of all samples does not exceed (nearest rank).
@@ -28,6 +29,12 @@ pub(crate) fn summary(samples_ns: &mut [u64]) -> Option<LatencySummary> {
 
 /// What [`cells`] holds.
 pub(crate) const HEADER: [&str; 6] = ["count", "p50", "p90", "p99", "p99.9", "max"];
+
+/// Latencies by name, in µs, under this title.
+pub(crate) fn latency_table<const N: usize>(title: &str, rows: [(&str, LatencySummary); N]) -> Table {
+    let rows = rows.map(|(name, found)| [vec![name.to_owned()], cells(Some(found)).to_vec()].concat());
+    table(&[[title].as_slice(), &HEADER].concat(), 1, rows)
+}
 
 /// A row's cells, in µs; dashes where nothing was measured.
 pub(crate) fn cells(summary: Option<LatencySummary>) -> [String; 6] {

@@ -5,29 +5,17 @@ use daemon::config::PRESETS;
 use daemon::system::real_time;
 use rustix::process::{Pid, Signal, WaitOptions, kill_process, waitpid};
 use shared_types::{Client, Domain};
-use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 use std::fs::{self, File};
 use std::io::{Read, Seek, Write};
 use std::os::unix::fs::MetadataExt;
 use std::os::unix::process::CommandExt;
 use std::path::Path;
 use std::process::{Command, Stdio};
-use std::sync::Arc;
-use std::sync::atomic::AtomicBool;
 use std::time::Duration;
 use tempfile::NamedTempFile;
 
 /// How long a process may take to answer.
 pub(crate) const PATIENCE: Duration = Duration::from_secs(10);
-
-/// A flag that Ctrl-C and similar signals set from now on, so that a measurement ends early and in order.
-pub(crate) fn stop_flag() -> anyhow::Result<Arc<AtomicBool>> {
-    let stop = Arc::new(AtomicBool::new(false));
-    for signal in [SIGINT, SIGTERM, SIGHUP] {
-        signal_hook::flag::register(signal, Arc::clone(&stop)).context("register signal handler")?;
-    }
-    Ok(stop)
-}
 
 /// A domain that is removed at the end.
 pub(crate) struct OwnDomain {

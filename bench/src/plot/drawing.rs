@@ -59,10 +59,7 @@ const FRAME: &str = "#5a5a5a";
 const GRID: &str = "#e0e0e0";
 const MINOR_GRID: &str = "#f0f0f0";
 
-/// Checks that a figure can be written to this file. Call it before a long measurement.
-///
-/// # Errors
-/// An extension other than `.svg`, or a directory that does not exist.
+/// Whether a figure can be written to this file: to be asked before a long measurement.
 pub(crate) fn check_target(file: &Path) -> anyhow::Result<()> {
     if !file.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("svg")) {
         bail!("cannot write the plot {}: plots are SVG; needed: FILE.svg", file.display());
@@ -76,9 +73,6 @@ pub(crate) fn check_target(file: &Path) -> anyhow::Result<()> {
 
 impl Figure {
     /// Writes the figure as SVG.
-    ///
-    /// # Errors
-    /// A file that [`check_target`] refuses, or that cannot be written.
     pub(crate) fn write(&self, file: &Path) -> anyhow::Result<()> {
         check_target(file)?;
         std::fs::write(file, Layout::of(self).svg())

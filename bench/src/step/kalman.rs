@@ -33,8 +33,6 @@ impl DisturbanceFilter {
         }
     }
 
-    /// # Errors
-    /// A step that failed.
     pub(super) fn check(&self) -> anyhow::Result<()> {
         self.failure.as_ref().map_or(Ok(()), |failure| {
             Err(anyhow!("the Kalman filter failed, so its time means nothing: {failure}"))

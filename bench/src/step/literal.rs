@@ -76,9 +76,6 @@ const CHECKED_STEPS: usize = 100;
 const TOLERANCE: f64 = 1e-9;
 
 /// The largest difference of the forces over the first steps, relative to the largest force.
-///
-/// # Errors
-/// A difference beyond the tolerance.
 pub(super) fn check_agreement(
     channel: &mut BodyChannel,
     literal: &mut LiteralChannel,

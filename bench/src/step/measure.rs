@@ -89,9 +89,6 @@ impl<'a> Contestant<'a> {
 }
 
 /// Measures a channel among those contestants that are run at its size.
-///
-/// # Errors
-/// Two formulas that disagree, or a Kalman filter that breaks down.
 pub(super) fn measure(
     mut subject: Subject,
     memory: &mut MemoryProbe,

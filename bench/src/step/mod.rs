@@ -43,10 +43,6 @@ use subject::Subject;
 /// Measures, and prints the table or the JSON document.
 ///
 /// Pins the calling thread to the core it runs on, and leaves it there.
-///
-/// # Errors
-/// A plot that cannot be written (asked before measuring), centers that make no design, or two formulas
-/// that disagree.
 pub(crate) fn run(arguments: &StepArguments) -> anyhow::Result<()> {
     if let Some(file) = &arguments.plot {
         plot::check_target(file)?;

@@ -37,7 +37,6 @@ pub(super) struct Row {
     pub(super) samples: usize,
     /// Share of the time in which the thread had its core. Below 1, other processes affect the figures.
     pub(super) core_share: f64,
-    /// At [`QUANTILES`].
     pub(super) quantiles_ns: [u64; QUANTILES.len()],
     /// Share of the first steps that learned.
     pub(super) dead_zone_open: f64,

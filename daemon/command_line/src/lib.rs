@@ -31,11 +31,14 @@
 //! |---|---|
 //! | `program` | reading the arguments |
 //! | `manual` | completions and man pages |
-//! | `examples` | the check of the examples in every help text |
+//! | `examples` | what a test asks of every help |
+//! | `stop` | the signals that end a program |
 
 mod examples;
 mod manual;
 mod program;
+mod stop;
 
 pub use examples::faults_of_help;
 pub use program::{command, parse};
+pub use stop::stop_flag;

@@ -1,8 +1,8 @@
 //! The integration tests of the monitor, in one program, which is linked once: made-up models, real services, and public
 //! readers of its files.
 //!
-//! Cargo builds `monitor` for these tests, but neither the service nor the simulator. This program runs as either of them
-//! (`testkit::Program::played`).
+//! One program for all of them: it is linked once. Cargo builds `monitor` for it, but neither the service nor the
+//! simulator: this program plays them (`testkit::Program::Played`).
 
 mod across_domains;
 mod lines;

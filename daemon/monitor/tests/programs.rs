@@ -2,9 +2,9 @@
 
 use testkit::{Ended, Process, Program, TestDomain};
 
-pub(crate) const MONITOR: Program = Program::at(env!("CARGO_BIN_EXE_monitor"));
-const DAEMON: Program = Program::played("daemon");
-const SIMULATOR: Program = Program::played("sim_publisher");
+pub(crate) const MONITOR: Program = Program::At(env!("CARGO_BIN_EXE_monitor"));
+const DAEMON: Program = Program::Played("daemon");
+const SIMULATOR: Program = Program::Played("sim_publisher");
 
 fn words(arguments: &str) -> Vec<&str> {
     arguments.split_whitespace().collect()

@@ -386,16 +386,3 @@ fn a_picture_that_stands_still_tells_the_verdict_of_now() {
     let text = text_of(&drawn_with(&heard(body), &view, 80, 24));
     assert_shows(&text, &["PAUSED, p goes on; now: DO NOT FLY ON THIS"]);
 }
-
-/// Prints screens for inspection: `cargo test -p monitor --test monitor look -- --ignored --nocapture`.
-#[test]
-#[ignore = "to be looked at"]
-fn look() {
-    for (width, height) in [(80, 24), (120, 40), (200, 50)] {
-        println!("{}\n", drawn(&heard(body), width, height));
-    }
-    println!("{}\n", drawn(&heard(plant), 80, 24));
-    let mut view = View::new(PLAIN);
-    view.shows_help = true;
-    println!("{}\n", text_of(&drawn_with(&heard(both), &view, 80, 24)));
-}

@@ -80,8 +80,14 @@
 //! # Ok::<(), DesignError>(())
 //! ```
 
+#[cfg(test)]
+extern crate self as observer;
+
 mod channels;
 mod design;
+#[cfg(test)]
+#[path = "../tests/guarantees/designs.rs"]
+mod designs;
 mod error;
 mod function;
 mod innovation_gate;

@@ -302,9 +302,6 @@ impl<P: Plant<M>, const M: usize> Timeline<P, M> {
 
     /// Continues from the checkpoint of another timeline of the same design. With its state, the next step is the same to
     /// the bit.
-    ///
-    /// # Panics
-    /// With another count of numbers than [`crate::AnyChannel::n_learned`].
     pub(crate) fn load(&mut self, learned: &[f64], state: Option<&TimelineState<P::State, M>>) {
         self.channel.law_mut().load(learned);
         let Some(saved) = state else { return };

@@ -43,7 +43,6 @@ fn document(file: &ConfigFile, checks: &[ChannelCheck]) -> Value {
     json!({ "configuration": file.name(), "channels": channels })
 }
 
-/// A matrix as its rows.
 fn rows(matrix: &nalgebra::DMatrix<f64>) -> Vec<Vec<f64>> {
     matrix.row_iter().map(|row| row.iter().copied().collect()).collect()
 }
@@ -52,28 +51,6 @@ fn channel_document(check: &ChannelCheck) -> Value {
     let report = &check.report;
     let certificate = report.certificate.as_ref();
     let pair = report.lure.as_ref().ok();
-    let findings: Vec<_> = report
-        .findings()
-        .into_iter()
-        .map(|finding| {
-            json!({
-                "condition": finding.condition,
-                "verdict": word(finding.verdict),
-                "detail": finding.detail,
-            })
-        })
-        .collect();
-    let length_scales: Vec<_> = check
-        .length_scales
-        .iter()
-        .map(|effect| {
-            json!({
-                "factor": effect.factor,
-                "gram_condition": effect.gram_condition,
-                "relative_power_function": effect.relative_power_function,
-            })
-        })
-        .collect();
     let mut document = json!({
         "name": check.name,
         "output_unit": check.units.0,
@@ -126,8 +103,8 @@ fn channel_document(check: &ChannelCheck) -> Value {
         "solver_predicted_error": predicted_error,
         "step_ns": check.step_time.as_ref().ok().map(|time| time.median_ns),
         "step_samples": check.step_time.as_ref().map_or(0, |time| time.samples),
-        "length_scale_effect": length_scales,
-        "findings": findings,
+        "length_scale_effect": check.length_scales,
+        "findings": report.findings(),
     });
     let reasons = document.as_object_mut().expect("an object was made");
     reasons

@@ -45,9 +45,6 @@ fn seconds(text: &str) -> Result<f64, String> {
 }
 
 /// Runs `daemon doctor`.
-///
-/// # Errors
-/// The configuration or the root path is refused. What the machine lacks is a finding, and no error.
 pub(super) fn run(arguments: &DoctorArguments) -> anyhow::Result<()> {
     let file = match (&arguments.config, &arguments.preset) {
         (Some(path), _) => Some(ConfigFile::read(path)?),

@@ -151,7 +151,7 @@ pub fn main_with_args(args: impl IntoIterator<Item = OsString>) -> ExitCode {
             say!("{error:#}");
             let wrong_usage = error.is::<ConfigError>()
                 || error.is::<DomainError>()
-                || matches!(error.downcast_ref(), Some(SnapshotError::Damaged { .. }))
+                || matches!(error.downcast_ref(), Some(SnapshotError::Damaged(..)))
                 || error.downcast_ref::<StartError>().is_some_and(StartError::is_wrong_usage);
             ExitCode::from(if wrong_usage { 2 } else { 1 })
         }

@@ -10,10 +10,8 @@ use crate::system::settings::OffTheLoop;
 use crate::system::state_directory::{STATE_VARIABLE, state_directory};
 use anyhow::Context;
 use clap::Args;
-use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::Ordering;
 use std::time::Duration;
 
 #[derive(Debug, Args)]
@@ -95,10 +93,7 @@ pub(super) fn run(arguments: &RunArguments) -> anyhow::Result<()> {
     real_time.change(&mut config);
     let domain = place.domain()?;
     let files = files.files()?;
-    let stop = Arc::new(AtomicBool::new(false));
-    for signal in [SIGINT, SIGTERM, SIGHUP] {
-        signal_hook::flag::register(signal, Arc::clone(&stop)).context("register signal handler")?;
-    }
+    let stop = command_line::stop_flag()?;
     let service = Service::start(&config, &domain, &place.instance, &files)?;
     say!(
         "instance '{}' in {} at {} Hz; stop it with Ctrl-C or SIGTERM",

@@ -15,8 +15,8 @@ const SEPARATOR: &str = "\u{1f}";
 
 /// A program that tests start.
 ///
-/// Cargo builds a crate's own programs for its tests, and provides their paths: `Program::at(env!("CARGO_BIN_EXE_…"))`.
-/// It does not build those of other crates. [`Program::played`] is one of these: the test's own executable, started
+/// Cargo builds a crate's own programs for its tests, and tells where they are: `Program::At(env!("CARGO_BIN_EXE_…"))`.
+/// It does not build those of other crates. [`Program::Played`] is one of these: the test's own executable, started
 /// anew, calls the program's `main` from a test named `role` (see [`play_role`]).
 #[derive(Debug, Clone, Copy)]
 pub enum Program {
@@ -27,17 +27,7 @@ pub enum Program {
 }
 
 impl Program {
-    /// The executable of this path.
-    pub const fn at(path: &'static str) -> Self {
-        Self::At(path)
-    }
-
-    /// The program that [`play_role`] runs under this name.
-    pub const fn played(name: &'static str) -> Self {
-        Self::Played(name)
-    }
-
-    /// The program with these arguments. Its stdin is empty; the caller decides where its output goes.
+    /// The program with these arguments. It reads nothing; what it prints goes where the caller says.
     pub fn command<S: AsRef<OsStr>>(&self, arguments: &[S]) -> Command {
         let mut command = match self {
             Self::At(path) => {
@@ -80,7 +70,7 @@ pub type Main = fn(Vec<OsString>) -> ExitCode;
 
 /// Plays a role, if this process was started as one, and ends it; returns in a test run.
 ///
-/// A test crate with a [`Program::played`] has this test at its top:
+/// A test crate with a [`Program::Played`] has this test at its top:
 ///
 /// ```ignore
 /// #[test]

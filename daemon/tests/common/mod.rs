@@ -2,58 +2,20 @@
 
 #![allow(dead_code, unused_imports, unreachable_pub)] // each test file uses its part
 
-use std::process::{Child, Command, Output};
-use testkit::{Ended, Process, Program};
-pub use testkit::{PATIENCE, TestDomain, wait_until};
+use std::process::Command;
+use testkit::Program;
+pub use testkit::{Ended, PATIENCE, Process, TestDomain, wait_until};
 
-pub const DAEMON: Program = Program::at(env!("CARGO_BIN_EXE_daemon"));
+pub const DAEMON: Program = Program::At(env!("CARGO_BIN_EXE_daemon"));
 
 /// `daemon` with these arguments in that domain.
 pub fn daemon_command(domain: &TestDomain, arguments: &[&str]) -> Command {
     DAEMON.command_in(domain, arguments)
 }
 
-/// `daemon run`, killed when the test ends.
-pub struct Daemon(Process);
-
-impl std::ops::Deref for Daemon {
-    type Target = Process;
-
-    fn deref(&self) -> &Process {
-        &self.0
-    }
-}
-
-impl std::ops::DerefMut for Daemon {
-    fn deref_mut(&mut self) -> &mut Process {
-        &mut self.0
-    }
-}
-
-impl Daemon {
-    pub fn start(domain: &TestDomain, arguments: &[&str]) -> Self {
-        Self(DAEMON.start(domain, &[&["run"], arguments].concat()))
-    }
-
-    pub fn spawn(command: Command) -> Self {
-        Self(Process::spawn(command))
-    }
-
-    pub fn of(child: Child) -> Self {
-        Self(Process { child })
-    }
-
-    /// Waits for the end; exit code and log.
-    pub fn finish(self) -> (Option<i32>, String) {
-        let Ended { code, log, .. } = self.0.finish();
-        (code, log)
-    }
-
-    /// Stops it as an operator does, and waits.
-    pub fn stop(self) -> (Option<i32>, String) {
-        let Ended { code, log, .. } = self.0.stop();
-        (code, log)
-    }
+/// `daemon run` with these arguments in that domain.
+pub fn run_daemon(domain: &TestDomain, arguments: &[&str]) -> Process {
+    DAEMON.start(domain, &[&["run"], arguments].concat())
 }
 
 /// The id of a user without rights, under which root can run a program.
@@ -99,10 +61,4 @@ pub fn preset_between(before: &str, after: &str) -> tempfile::NamedTempFile {
     let file = tempfile::NamedTempFile::new().unwrap();
     std::fs::write(file.path(), format!("{before}\n{}\n{after}\n", daemon::config::PRESETS[0].1)).unwrap();
     file
-}
-
-/// Exit code, stdout and stderr of a finished command.
-pub fn finished(output: Output) -> (Option<i32>, String, String) {
-    let Ended { code, out, log } = output.into();
-    (code, out, log)
 }

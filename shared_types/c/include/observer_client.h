@@ -277,63 +277,35 @@ typedef struct {
   observer_status status; /**< Status after the command. */
 } observer_reply;
 
-/**
- * How a call ended: 0 and above are good, below are failures, whose reason observer_error_text() tells.
- */
+/** How a call ended: 0 and above are good, below are failures, whose reason observer_error_text() tells. */
 typedef enum {
-  /**
-   * Done.
-   */
+  /** Done. */
   OBSERVER_OK = 0,
-  /**
-   * No failure, but there is nothing: nothing to take, nothing published yet, no reader.
-   */
+  /** No failure, but there is nothing: nothing to take, nothing published yet, no reader. */
   OBSERVER_NOTHING = 1,
-  /**
-   * An argument cannot be: null, not aligned, no text, not finite, another header, a port not asked for.
-   */
+  /** An argument cannot be: null, not aligned, no text, not finite, another header, a port not asked for. */
   OBSERVER_BAD_ARGUMENT = -1,
-  /**
-   * The handle is not open: never was, or was closed.
-   */
+  /** The handle is not open: never was, or was closed. */
   OBSERVER_BAD_HANDLE = -2,
-  /**
-   * Another thread opened the handle. A handle is used, and closed, by the thread that opened it.
-   */
+  /** Another thread opened the handle. A handle is used, and closed, by the thread that opened it. */
   OBSERVER_WRONG_THREAD = -3,
-  /**
-   * No service of that instance was there within the patience.
-   */
+  /** No service of that instance was there within the patience. */
   OBSERVER_NO_DAEMON = -4,
-  /**
-   * The service did not answer within the patience.
-   */
+  /** The service did not answer within the patience. */
   OBSERVER_TIMED_OUT = -5,
-  /**
-   * What is there does not fit: another version of a payload or of iceoryx2, other qualities, another user's.
-   */
+  /** What is there does not fit: another version of a payload or of iceoryx2, other qualities, another user's. */
   OBSERVER_REFUSED = -6,
-  /**
-   * A port did not do it; the text has iceoryx2's reason.
-   */
+  /** A port did not do it; the text has iceoryx2's reason. */
   OBSERVER_PORT = -7,
-  /**
-   * A defect of this library. Nothing is known of the handle's state: close it.
-   */
+  /** A defect of this library. Nothing is known of the handle's state: close it. */
   OBSERVER_INTERNAL = -8,
 } observer_result;
 
-/**
- * A connection to one instance of the service, of the thread that opened it. All zero is none.
- */
+/** A connection to one instance of the service, of the thread that opened it. All zero is none. */
 typedef struct {
-  /**
-   * For the library.
-   */
+  /** For the library. */
   uint32_t thread;
-  /**
-   * For the library.
-   */
+  /** For the library. */
   uint32_t number;
 } observer_client;
 
@@ -341,8 +313,7 @@ typedef struct {
 extern "C" {
 #endif // __cplusplus
 
-/**
- * Connects this thread to the service of an instance, and opens the ports that are asked for: what allocates
+/** Connects this thread to the service of an instance, and opens the ports that are asked for: what allocates
  * and asks the system happens here. Waits up to `patience_s` for the service to start.
  *
  * `layout`: OBSERVER_LAYOUT, which tells whether program and library have the same payloads.
@@ -353,8 +324,7 @@ extern "C" {
  * `client`: where the handle goes; all zero after a failure.
  *
  * Condition:
- * The texts end with a zero; `client` points to a handle.
- */
+ * The texts end with a zero; `client` points to a handle. */
 observer_result observer_open(uint32_t layout,
                               const char *root_path,
                               const char *instance,
@@ -362,97 +332,77 @@ observer_result observer_open(uint32_t layout,
                               double patience_s,
                               observer_client *client);
 
-/**
- * Publishes one measurement; its sequence and its stamp (observer_now_ns()) are the caller's. Never blocks: where
+/** Publishes one measurement; its sequence and its stamp (observer_now_ns()) are the caller's. Never blocks: where
  * the service is slow, the oldest sample is dropped. OBSERVER_NOTHING: no service is connected now.
  *
  * No system call; one allocation, of iceoryx2 (48 bytes, freed before the call returns).
  *
  * Condition:
- * `measurement` points to one.
- */
+ * `measurement` points to one. */
 observer_result observer_publish(observer_client client,
                                  const observer_measurement *measurement);
 
-/**
- * Takes the oldest estimate not yet taken; OBSERVER_NOTHING leaves `estimate` as it is. Where the reader is slow,
+/** Takes the oldest estimate not yet taken; OBSERVER_NOTHING leaves `estimate` as it is. Where the reader is slow,
  * the oldest are dropped, which shows as a gap in their sequence. No system call, no allocation.
  *
  * Condition:
- * `estimate` points to one.
- */
+ * `estimate` points to one. */
 observer_result observer_take(observer_client client,
                               observer_estimate *estimate);
 
-/**
- * As observer_take(), but waits up to `patience_s` for an estimate, and looks every 50 µs (sleeping in between);
+/** As observer_take(), but waits up to `patience_s` for an estimate, and looks every 50 µs (sleeping in between);
  * OBSERVER_TIMED_OUT if none came.
  *
  * Condition:
- * `estimate` points to one.
- */
+ * `estimate` points to one. */
 observer_result observer_wait(observer_client client,
                               double patience_s,
                               observer_estimate *estimate);
 
-/**
- * The newest estimate, taken or not; OBSERVER_NOTHING before the first leaves `estimate` as it is. When the
+/** The newest estimate, taken or not; OBSERVER_NOTHING before the first leaves `estimate` as it is. When the
  * service dies the last one stays: its age is in its stamps. No system call, no allocation.
  *
  * Condition:
- * `estimate` points to one.
- */
+ * `estimate` points to one. */
 observer_result observer_peek(observer_client client, observer_estimate *estimate);
 
-/**
- * The newest status, which the service publishes a few times a second; OBSERVER_NOTHING before the first leaves
+/** The newest status, which the service publishes a few times a second; OBSERVER_NOTHING before the first leaves
  * `status` as it is. No system call, no allocation.
  *
  * Condition:
- * `status` points to one.
- */
+ * `status` points to one. */
 observer_result observer_read_status(observer_client client,
                                      observer_status *status);
 
-/**
- * Sends a command (one of OBSERVER_COMMAND_…) and waits up to `patience_s` for the answer. OBSERVER_OK means that
+/** Sends a command (one of OBSERVER_COMMAND_…) and waits up to `patience_s` for the answer. OBSERVER_OK means that
  * there is one: its `outcome` says whether the command was carried out, observer_reply_text() what the service
  * says. Where the service is away, it is waited for as long as observer_open() was to. Allocates and asks the
  * system: not for the loop.
  *
  * Condition:
- * `reply` points to one.
- */
+ * `reply` points to one. */
 observer_result observer_command(observer_client client,
                                  uint32_t command,
                                  double patience_s,
                                  observer_reply *reply);
 
-/**
- * Copies the text of a reply, with a zero at its end, cut where `text_bytes` are too few; OBSERVER_REPLY_TEXT_BYTES
+/** Copies the text of a reply, with a zero at its end, cut where `text_bytes` are too few; OBSERVER_REPLY_TEXT_BYTES
  * are enough.
  *
  * Condition:
- * `reply` points to one, `text` to `text_bytes` bytes.
- */
+ * `reply` points to one, `text` to `text_bytes` bytes. */
 observer_result observer_reply_text(const observer_reply *reply,
                                     char *text,
                                     size_t text_bytes);
 
-/**
- * Closes a handle, on the thread that opened it. What a thread leaves open is closed when it ends.
- */
+/** Closes a handle, on the thread that opened it. What a thread leaves open is closed when it ends. */
 observer_result observer_close(observer_client client);
 
-/**
- * Nanoseconds of CLOCK_MONOTONIC, the clock of every stamp. No system call where the kernel offers the vDSO.
- */
+/** Nanoseconds of CLOCK_MONOTONIC, the clock of every stamp. No system call where the kernel offers the vDSO. */
 uint64_t observer_now_ns(void);
 
-/**
- * What was found, needed, and what to do, of this thread's latest failure; empty before the first. Never null; valid until this
- * thread's next failure.
- */
+/** What was found, needed, and what to do, of this thread's latest failure; empty before the first. Never null; valid until this
+ * thread's next failure. */
 const char *observer_error_text(void);
 
 #ifdef __cplusplus

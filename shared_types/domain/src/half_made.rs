@@ -19,8 +19,7 @@ pub(crate) type IsUnfinished = fn(u32) -> bool;
 impl Domain {
     /// A service file still writable by its owner (0600; finished is 0400) and a segment not yet readable
     /// (0200) were never finished. A young one is given the time in which a living maker finishes it.
-    pub(crate) fn remove_half_made(&self) -> Result<usize, DomainError> {
-        let mut removed = 0;
+    pub(crate) fn remove_half_made(&self) -> Result<(), DomainError> {
         for (file, unfinished) in self.half_made_candidates()? {
             while let Ok(metadata) = fs::symlink_metadata(&file) {
                 if !unfinished(metadata.permissions().mode()) {
@@ -30,13 +29,12 @@ impl Domain {
                 let age = SystemTime::now().duration_since(made).unwrap_or(HALF_MADE_AGE);
                 if age >= HALF_MADE_AGE {
                     remove_file(&file)?;
-                    removed += 1;
                     break;
                 }
                 std::thread::sleep(HALF_MADE_AGE - age);
             }
         }
-        Ok(removed)
+        Ok(())
     }
 
     pub(crate) fn half_made_candidates(&self) -> Result<Vec<(PathBuf, IsUnfinished)>, DomainError> {

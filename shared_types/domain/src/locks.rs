@@ -17,14 +17,6 @@ const LOCK_PATIENCE: Duration = Duration::from_secs(10);
 #[derive(Debug)]
 pub struct MakingLock {
     _file: File,
-    removed: usize,
-}
-
-impl MakingLock {
-    /// Half-made files of dead processes that were removed when the lock was taken.
-    pub fn half_made_files_removed(&self) -> usize {
-        self.removed
-    }
 }
 
 /// Held by the one service of an instance name.
@@ -58,8 +50,8 @@ impl Domain {
             }
         };
         self.check_segments()?;
-        let removed = self.remove_half_made()?;
-        Ok(MakingLock { _file: file, removed })
+        self.remove_half_made()?;
+        Ok(MakingLock { _file: file })
     }
 
     /// Claims an instance name for one service; the claim ends with the returned value, or the process.

@@ -7,9 +7,9 @@
 //! Public repository andrealaffly/ACSL-flightstack-accessories, Flight_Data
 
 use crate::collector::{Collector, ROUNDED_NORM_TOLERANCE, parse_ns, unit};
-use crate::error::ImportError;
-use crate::flight::{RecordedFlight, SkipReason};
-use crate::importer::{ImportOptions, Importer};
+use crate::error::{ImportError, Imported};
+use crate::flight::SkipReason;
+use crate::importer::{Format, ImportOptions, Importer};
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 use shared_types::Measurement;
 use std::ops::Range;
@@ -48,27 +48,25 @@ const COLUMNS: [&str; 17] = [
 pub struct Acsl;
 
 impl Importer for Acsl {
-    fn name(&self) -> &'static str {
-        "acsl"
+    fn format(&self) -> Format {
+        Format {
+            name: "acsl",
+            about: "Log of the ACSL flight stack: inertial velocity, body rates, position, attitude, thrust and torques",
+            ending: "log",
+            reads: &[],
+            is_built_in: true,
+        }
     }
 
-    fn about(&self) -> &'static str {
-        "Log of the ACSL flight stack: inertial velocity, body rates, position, attitude, thrust and torques"
-    }
-
-    fn ending(&self) -> &'static str {
-        "log"
-    }
-
-    fn import(&self, bytes: &[u8], file: &str, _: &ImportOptions) -> Result<RecordedFlight, ImportError> {
+    fn import(&self, bytes: &[u8], file: &str, _: &ImportOptions) -> Imported {
         parse(bytes, file)
     }
 }
 
-fn parse(bytes: &[u8], path: &str) -> Result<RecordedFlight, ImportError> {
+fn parse(bytes: &[u8], path: &str) -> Imported {
     let mut lines =
         bytes.split(|&b| b == b'\n').zip(1u64..).filter(|(line, _)| !line.trim_ascii().is_empty());
-    let (header, _) = lines.next().ok_or_else(|| ImportError::Empty { path: path.into() })?;
+    let (header, _) = lines.next().ok_or_else(|| ImportError::Empty(path.into()))?;
     let header = String::from_utf8_lossy(header);
     let names = values(&header);
     let place_of = |column: &str| {

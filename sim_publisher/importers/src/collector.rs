@@ -1,6 +1,6 @@
 //! Collects rows into a flight: times strictly increasing, attitudes of unit norm, stamps relative to the first.
 
-use crate::error::ImportError;
+use crate::error::{ImportError, Imported};
 use crate::flight::{Place, RecordedFlight, SkipReason, Skipped};
 use shared_types::Measurement;
 use shared_types::payload::{QUATERNION_NORM_TOLERANCE, valid};
@@ -83,14 +83,10 @@ impl Collector {
         }
     }
 
-    pub(crate) fn finish(
-        self,
-        path: &str,
-        airborne: Option<Range<usize>>,
-    ) -> Result<RecordedFlight, ImportError> {
+    pub(crate) fn finish(self, path: &str, airborne: Option<Range<usize>>) -> Imported {
         let Self { samples, skipped, values_not_finite, remarks, .. } = self;
         if samples.is_empty() {
-            return Err(ImportError::NoUsableRow { path: path.into(), skipped });
+            return Err(ImportError::NoUsableRow(path.into(), skipped));
         }
         Ok(RecordedFlight { samples, skipped, values_not_finite, airborne, remarks })
     }

@@ -1,8 +1,7 @@
 //! The format `csv`: tables whose columns have the names of the keys, or are named by a map.
 
-use crate::error::ImportError;
-use crate::flight::RecordedFlight;
-use crate::importer::{ImportOption, ImportOptions, Importer};
+use crate::error::Imported;
+use crate::importer::{Format, ImportOption, ImportOptions, Importer};
 use crate::table;
 
 /// A table with a line of column names.
@@ -10,32 +9,21 @@ use crate::table;
 pub struct Csv;
 
 impl Importer for Csv {
-    fn name(&self) -> &'static str {
-        "csv"
+    fn format(&self) -> Format {
+        Format {
+            name: "csv",
+            about: "Any table with a line of column names; which column is what, --column or --map says",
+            ending: "csv",
+            reads: &[ImportOption::Columns],
+            is_built_in: true,
+        }
     }
 
-    fn about(&self) -> &'static str {
-        "Any table with a line of column names; which column is what, --column or --map says"
-    }
-
-    fn ending(&self) -> &'static str {
-        "csv"
-    }
-
-    fn reads(&self) -> &'static [ImportOption] {
-        &[ImportOption::Columns]
-    }
-
-    fn contents(&self, bytes: &[u8], _: &str, options: &ImportOptions) -> Result<Vec<String>, ImportError> {
+    fn contents(&self, bytes: &[u8], _: &str, options: &ImportOptions) -> Imported<Vec<String>> {
         Ok(table::column_names(bytes, &options.columns)?)
     }
 
-    fn import(
-        &self,
-        bytes: &[u8],
-        file: &str,
-        options: &ImportOptions,
-    ) -> Result<RecordedFlight, ImportError> {
+    fn import(&self, bytes: &[u8], file: &str, options: &ImportOptions) -> Imported {
         table::parse(bytes, file, &options.columns)
     }
 }

@@ -1,25 +1,17 @@
 //! The error of a file or a map of columns that cannot be used.
 
-use crate::flight::Skipped;
+use crate::flight::{RecordedFlight, Skipped};
 
 /// Why a file cannot be replayed.
 #[derive(Debug, thiserror::Error)]
 pub enum ImportError {
-    /// The system refused.
-    #[error("cannot read '{path}': {source}")]
-    Io {
-        /// Which file.
-        path: String,
-        /// The system's reason.
-        source: std::io::Error,
-    },
-    /// The file has no bytes, or no line of names.
-    #[error("'{path}' is empty; needed: a line of column names, then rows")]
-    Empty {
-        /// Which file.
-        path: String,
-    },
-    /// A column is missing.
+    /// The system refused to read this file.
+    #[error("cannot read '{0}': {1}")]
+    Io(String, #[source] std::io::Error),
+    /// This file has no bytes, or no line of names.
+    #[error("'{0}' is empty; needed: a line of column names, then rows")]
+    Empty(String),
+    /// A column is not there.
     #[error("'{path}' has no column '{column}'; its columns are: {found}")]
     MissingColumn {
         /// Which file.
@@ -29,60 +21,38 @@ pub enum ImportError {
         /// The file's columns.
         found: String,
     },
-    /// The file is not of this format, or holds nothing that can be used.
-    #[error("'{path}': {found}")]
-    Content {
-        /// Which file.
-        path: String,
-        /// What was found, and what is needed.
-        found: String,
-    },
-    /// The format's reader was not built.
+    /// This file is not of the format, or holds nothing that can be used: what was found, and what is needed.
+    #[error("'{0}': {1}")]
+    Content(String, String),
+    /// The reader of this file's format was not built.
     #[error(
-        "'{path}': the reader of format '{format}' is not in this program; needed: one with it: cargo run --release \
+        "'{0}': the reader of format '{1}' is not in this program; needed: one with it: cargo run --release \
          -p bench --features logs -- …, or sim_publisher as it is built by default"
     )]
-    NotBuiltIn {
-        /// Which file.
-        path: String,
-        /// Its format.
-        format: &'static str,
-    },
+    NotBuiltIn(String, &'static str),
     /// An option does not belong to this format.
     #[error("{0}")]
     Option(String),
-    /// No row can be used.
-    #[error("'{path}' has no usable row; {skipped}")]
-    NoUsableRow {
-        /// Which file.
-        path: String,
-        /// What was skipped, and why.
-        skipped: Skipped,
-    },
+    /// No row of this file can be used.
+    #[error("'{0}' has no usable row; {1}")]
+    NoUsableRow(String, Skipped),
     /// The map of columns contradicts itself or lacks something.
     #[error(transparent)]
     Map(#[from] MapError),
 }
 
+/// What an importer makes of a file.
+pub(crate) type Imported<T = RecordedFlight> = Result<T, ImportError>;
+
 /// Why a map of columns cannot be used.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum MapError {
-    /// The file cannot be read.
-    #[error("cannot read the map '{path}': {reason}")]
-    Unreadable {
-        /// Which file.
-        path: String,
-        /// The system's reason.
-        reason: String,
-    },
-    /// The text is no map; the reason names line and key.
-    #[error("{place}: {reason}")]
-    NotAMap {
-        /// The file, or the option.
-        place: String,
-        /// The reason.
-        reason: String,
-    },
+    /// This file cannot be read, for the system's reason.
+    #[error("cannot read the map '{0}': {1}")]
+    Unreadable(String, String),
+    /// The text of this file or option is no map; the reason names line and key.
+    #[error("{0}: {1}")]
+    NotAMap(String, String),
     /// An option is not `KEY=COLUMN`.
     #[error("--column '{0}': needed: KEY=COLUMN, for example velocity_x=vx")]
     NotAPair(String),

@@ -1,40 +1,18 @@
 //! The trait of a log format, and the options that a file does not determine.
 
-use crate::error::ImportError;
-use crate::flight::RecordedFlight;
+use crate::error::{ImportError, Imported};
 use crate::table::CsvMap;
 
 /// One log format.
 pub trait Importer: std::fmt::Debug + Sync {
-    /// Its word on the command line.
-    fn name(&self) -> &'static str;
-
-    /// Its description in one line.
-    fn about(&self) -> &'static str;
-
-    /// The ending of its files, in lower case.
-    fn ending(&self) -> &'static str;
-
-    /// The options that it reads; others are refused.
-    fn reads(&self) -> &'static [ImportOption] {
-        &[]
-    }
-
-    /// Whether its reader was built; see [`Importer::import`].
-    fn is_built_in(&self) -> bool {
-        true
-    }
+    /// Its names, and the options that it reads.
+    fn format(&self) -> Format;
 
     /// The file's topics or columns, as text; empty for a format without them.
     ///
     /// # Errors
     /// The file is damaged from its start.
-    fn contents(
-        &self,
-        bytes: &[u8],
-        file: &str,
-        options: &ImportOptions,
-    ) -> Result<Vec<String>, ImportError> {
+    fn contents(&self, bytes: &[u8], file: &str, options: &ImportOptions) -> Imported<Vec<String>> {
         let _ = (bytes, file, options);
         Ok(Vec::new())
     }
@@ -45,15 +23,25 @@ pub trait Importer: std::fmt::Debug + Sync {
     ///
     /// # Errors
     /// What is wrong with the file or the options.
-    fn import(
-        &self,
-        bytes: &[u8],
-        file: &str,
-        options: &ImportOptions,
-    ) -> Result<RecordedFlight, ImportError> {
+    fn import(&self, bytes: &[u8], file: &str, options: &ImportOptions) -> Imported {
         let _ = (bytes, options);
-        Err(ImportError::NotBuiltIn { path: file.into(), format: self.name() })
+        Err(ImportError::NotBuiltIn(file.into(), self.format().name))
     }
+}
+
+/// What a format is called, and what it reads.
+#[derive(Debug, Clone, Copy)]
+pub struct Format {
+    /// Its word on the command line.
+    pub name: &'static str,
+    /// What it is, in one line for people.
+    pub about: &'static str,
+    /// The ending of its files, in lower case.
+    pub ending: &'static str,
+    /// The options that it reads; others are refused.
+    pub reads: &'static [ImportOption],
+    /// Whether its reader was built; see [`Importer::import`].
+    pub is_built_in: bool,
 }
 
 /// An option, or several that belong together.

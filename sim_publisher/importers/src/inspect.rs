@@ -1,7 +1,7 @@
 //! Inspects a log: its contents, and the options and configuration values that follow from it.
 
 use crate::csv::Csv;
-use crate::error::ImportError;
+use crate::error::{ImportError, Imported};
 use crate::importer::{ImportOption, ImportOptions, Importer};
 use crate::list::{by_ending, check, read_file};
 use crate::record::Record;
@@ -59,23 +59,19 @@ pub struct Findings {
 ///
 /// # Errors
 /// As [`crate::read_flight`]; a table whose columns are not named is no error.
-pub fn inspect(
-    importer: &dyn Importer,
-    path: &Path,
-    options: &ImportOptions,
-) -> Result<Findings, ImportError> {
+pub fn inspect(importer: &dyn Importer, path: &Path, options: &ImportOptions) -> Imported<Findings> {
     let file = path.display().to_string();
     check(importer, options)?;
     let bytes = read_file(path)?;
     let contents = importer.contents(&bytes, &file, options)?;
     let flight = match importer.import(&bytes, &file, options) {
-        Err(ImportError::Map(error)) if importer.name() == Csv.name() => {
+        Err(ImportError::Map(error)) if importer.format().name == Csv.format().name => {
             return Ok(unnamed_columns(file, &error.to_string(), contents, &options.columns));
         }
         other => other?,
     };
-    let lacks_thrust =
-        importer.reads().contains(&ImportOption::Scales) && options.thrust_n.or(options.mass_kg).is_none();
+    let lacks_thrust = importer.format().reads.contains(&ImportOption::Scales)
+        && options.thrust_n.or(options.mass_kg).is_none();
     let quantities = quantities(&flight.samples);
     let arguments = arguments(importer, path, options, lacks_thrust);
     let airborne = if flight.airborne.is_some() { " --airborne-only" } else { "" };
@@ -84,12 +80,13 @@ pub fn inspect(
     let mut commands = vec![format!("sim_publisher replay {shown}{arguments}{airborne}")];
     if has(valid::VELOCITY) && (has(valid::FORCE) || lacks_thrust) {
         // A flight record has its own.
-        let config = if importer.name() == Record.name() { "" } else { " --config vehicle.toml" };
+        let config =
+            if importer.format().name == Record.format().name { "" } else { " --config vehicle.toml" };
         commands.push(format!("bench replay {shown}{arguments}{config}"));
         commands.push(format!("bench tune {shown}{arguments}{config}"));
     }
     Ok(Findings {
-        format: importer.name().into(),
+        format: importer.format().name.into(),
         samples: flight.samples.len(),
         duration_s: flight.duration_s(),
         airborne_s: flight.airborne_s(),
@@ -136,7 +133,7 @@ fn unnamed_columns(file: String, error: &str, columns: Vec<String>, map: &CsvMap
     };
     Findings {
         file,
-        format: Csv.name().into(),
+        format: Csv.format().name.into(),
         samples: 0,
         duration_s: 0.0,
         airborne_s: None,
@@ -150,8 +147,8 @@ fn unnamed_columns(file: String, error: &str, columns: Vec<String>, map: &CsvMap
 
 /// The option `--format`, if the file's ending does not determine the format.
 fn format_argument(importer: &dyn Importer, file: &Path) -> String {
-    let is_told = by_ending(file).is_some_and(|told| told.name() == importer.name());
-    if is_told { String::new() } else { format!(" --format {}", importer.name()) }
+    let is_told = by_ending(file).is_some_and(|told| told.format().name == importer.format().name);
+    if is_told { String::new() } else { format!(" --format {}", importer.format().name) }
 }
 
 fn column_arguments(pairs: &[String]) -> String {

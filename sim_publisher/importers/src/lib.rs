@@ -35,7 +35,7 @@ pub use acsl::Acsl;
 pub use csv::Csv;
 pub use error::{ImportError, MapError};
 pub use flight::{RecordedFlight, SkipReason, Skipped};
-pub use importer::{ImportOption, ImportOptions, Importer};
+pub use importer::{Format, ImportOption, ImportOptions, Importer};
 pub use inspect::{Findings, Quantity, inspect};
 pub use list::{IMPORTERS, by_ending, by_name, parse_flight, read_flight};
 pub use mcap::Mcap;

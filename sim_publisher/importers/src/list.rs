@@ -1,7 +1,6 @@
 //! The list of formats, and reading a file of any of them.
 
-use crate::error::ImportError;
-use crate::flight::RecordedFlight;
+use crate::error::{ImportError, Imported};
 use crate::importer::{ImportOptions, Importer};
 use crate::{acsl::Acsl, csv::Csv, mcap::Mcap, record::Record, ulog::Ulog};
 use std::path::Path;
@@ -11,24 +10,20 @@ pub static IMPORTERS: [&dyn Importer; 5] = [&Acsl, &Csv, &Mcap, &Record, &Ulog];
 
 /// The format of this name.
 pub fn by_name(name: &str) -> Option<&'static dyn Importer> {
-    IMPORTERS.into_iter().find(|importer| importer.name() == name)
+    IMPORTERS.into_iter().find(|importer| importer.format().name == name)
 }
 
 /// The format of a file's ending, if any.
 pub fn by_ending(path: &Path) -> Option<&'static dyn Importer> {
     let ending = path.extension()?.to_str()?.to_ascii_lowercase();
-    IMPORTERS.into_iter().find(|importer| importer.ending() == ending)
+    IMPORTERS.into_iter().find(|importer| importer.format().ending == ending)
 }
 
 /// Reads a recorded flight.
 ///
 /// # Errors
 /// What is wrong with the file or the options.
-pub fn read_flight(
-    importer: &dyn Importer,
-    path: &Path,
-    options: &ImportOptions,
-) -> Result<RecordedFlight, ImportError> {
+pub fn read_flight(importer: &dyn Importer, path: &Path, options: &ImportOptions) -> Imported {
     check(importer, options)?;
     parse_flight(importer, &read_file(path)?, &path.display().to_string(), options)
 }
@@ -37,27 +32,25 @@ pub fn read_flight(
 ///
 /// # Errors
 /// As [`read_flight`], without `Io`.
-pub fn parse_flight(
-    importer: &dyn Importer,
-    bytes: &[u8],
-    file: &str,
-    options: &ImportOptions,
-) -> Result<RecordedFlight, ImportError> {
+pub fn parse_flight(importer: &dyn Importer, bytes: &[u8], file: &str, options: &ImportOptions) -> Imported {
     check(importer, options)?;
     importer.import(bytes, file, options)
 }
 
-pub(crate) fn read_file(path: &Path) -> Result<Vec<u8>, ImportError> {
-    std::fs::read(path).map_err(|source| ImportError::Io { path: path.display().to_string(), source })
+pub(crate) fn read_file(path: &Path) -> Imported<Vec<u8>> {
+    std::fs::read(path).map_err(|error| ImportError::Io(path.display().to_string(), error))
 }
 
 /// # Errors
 /// An option that this format does not read, or a number out of range.
-pub(crate) fn check(importer: &dyn Importer, options: &ImportOptions) -> Result<(), ImportError> {
-    if let Some(option) = options.given().find(|option| !importer.reads().contains(option)) {
-        let readers: Vec<_> =
-            IMPORTERS.iter().filter(|i| i.reads().contains(&option)).map(|i| i.name()).collect();
-        let (words, found) = (option.words(), importer.name());
+pub(crate) fn check(importer: &dyn Importer, options: &ImportOptions) -> Imported<()> {
+    if let Some(option) = options.given().find(|option| !importer.format().reads.contains(option)) {
+        let readers: Vec<_> = IMPORTERS
+            .iter()
+            .filter(|i| i.format().reads.contains(&option))
+            .map(|i| i.format().name)
+            .collect();
+        let (words, found) = (option.words(), importer.format().name);
         return Err(ImportError::Option(format!(
             "{words}: found: --format {found}; needed: --format {}, or leave it out",
             readers.join(" or ")
@@ -98,19 +91,19 @@ mod tests {
         let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
         let manual = std::fs::read_to_string(root.join("docs/recordings.md")).unwrap();
         for importer in IMPORTERS {
-            let name = importer.name();
-            let row = format!("| `{name}` | `.{}` | {} |", importer.ending(), importer.about());
+            let name = importer.format().name;
+            let row = format!("| `{name}` | `.{}` | {} |", importer.format().ending, importer.format().about);
             assert!(manual.contains(&row), "docs/recordings.md lacks: {row}");
             let targets = [format!("log_{name}.rs"), format!("{name}.rs")];
             assert!(targets.iter().any(|file| root.join("fuzz/src").join(file).exists()), "{name}");
-            assert!(by_name(name).is_some_and(|found| found.ending() == importer.ending()));
+            assert!(by_name(name).is_some_and(|found| found.format().ending == importer.format().ending));
         }
     }
 
     /// In a build without the readers: what is missing, and the command that has it.
     #[test]
     fn a_format_that_is_not_built_in_is_refused_with_the_command_that_has_it() {
-        for importer in IMPORTERS.into_iter().filter(|importer| !importer.is_built_in()) {
+        for importer in IMPORTERS.into_iter().filter(|importer| !importer.format().is_built_in) {
             let refused = parse_flight(importer, b"x", "f", &ImportOptions::default()).unwrap_err();
             assert!(refused.to_string().contains("--features logs"), "{refused}");
         }

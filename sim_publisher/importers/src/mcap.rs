@@ -3,47 +3,32 @@
 #[cfg(feature = "mcap")]
 mod read;
 
-use crate::importer::{ImportOption, Importer};
+use crate::importer::{Format, ImportOption, Importer};
 #[cfg(feature = "mcap")]
-use crate::{error::ImportError, flight::RecordedFlight, importer::ImportOptions};
+use crate::{error::Imported, importer::ImportOptions};
 
 /// Recordings of `monitor record` and of others.
 #[derive(Debug)]
 pub struct Mcap;
 
 impl Importer for Mcap {
-    fn name(&self) -> &'static str {
-        "mcap"
-    }
-
-    fn about(&self) -> &'static str {
-        "Recording of monitor record, of several vehicles --topic says which; of other recordings --column says what is where"
-    }
-
-    fn ending(&self) -> &'static str {
-        "mcap"
-    }
-
-    fn reads(&self) -> &'static [ImportOption] {
-        &[ImportOption::Columns, ImportOption::Topic]
-    }
-
-    fn is_built_in(&self) -> bool {
-        cfg!(feature = "mcap")
+    fn format(&self) -> Format {
+        Format {
+            name: "mcap",
+            about: "Recording of monitor record, of several vehicles --topic says which; of other recordings --column says what is where",
+            ending: "mcap",
+            reads: &[ImportOption::Columns, ImportOption::Topic],
+            is_built_in: cfg!(feature = "mcap"),
+        }
     }
 
     #[cfg(feature = "mcap")]
-    fn contents(&self, bytes: &[u8], file: &str, _: &ImportOptions) -> Result<Vec<String>, ImportError> {
+    fn contents(&self, bytes: &[u8], file: &str, _: &ImportOptions) -> Imported<Vec<String>> {
         read::topics(bytes, file)
     }
 
     #[cfg(feature = "mcap")]
-    fn import(
-        &self,
-        bytes: &[u8],
-        file: &str,
-        options: &ImportOptions,
-    ) -> Result<RecordedFlight, ImportError> {
+    fn import(&self, bytes: &[u8], file: &str, options: &ImportOptions) -> Imported {
         read::parse(bytes, file, options)
     }
 }

@@ -1,9 +1,8 @@
 //! The service's flight record: its samples as they arrived, including those that it rejected for their time or source.
 
 use crate::collector::Collector;
-use crate::error::ImportError;
-use crate::flight::RecordedFlight;
-use crate::importer::{ImportOptions, Importer};
+use crate::error::{ImportError, Imported};
+use crate::importer::{Format, ImportOptions, Importer};
 use flight_record::{Entry, Frame, Reader};
 use std::io::Cursor;
 
@@ -12,29 +11,25 @@ use std::io::Cursor;
 pub struct Record;
 
 impl Importer for Record {
-    fn name(&self) -> &'static str {
-        "record"
+    fn format(&self) -> Format {
+        Format {
+            name: "record",
+            about: "Flight record of `daemon run --record FILE`",
+            ending: "rec",
+            reads: &[],
+            is_built_in: true,
+        }
     }
 
-    fn about(&self) -> &'static str {
-        "Flight record of `daemon run --record FILE`"
-    }
-
-    fn ending(&self) -> &'static str {
-        "rec"
-    }
-
-    fn import(&self, bytes: &[u8], file: &str, _: &ImportOptions) -> Result<RecordedFlight, ImportError> {
+    fn import(&self, bytes: &[u8], file: &str, _: &ImportOptions) -> Imported {
         parse(bytes, file)
     }
 }
 
-fn parse(bytes: &[u8], path: &str) -> Result<RecordedFlight, ImportError> {
-    let no_record = |found: String| ImportError::Content {
-        path: path.into(),
-        found: format!(
-            "no flight record that can be read: {found}; needed: a file of `daemon run --record FILE`"
-        ),
+fn parse(bytes: &[u8], path: &str) -> Imported {
+    let no_record = |found: String| {
+        let needed = "needed: a file of `daemon run --record FILE`";
+        ImportError::Content(path.into(), format!("no flight record that can be read: {found}; {needed}"))
     };
     let mut reader = Reader::new(Cursor::new(bytes));
     let mut flight = Collector::of_recording();

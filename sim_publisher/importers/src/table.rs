@@ -2,8 +2,8 @@
 //! names of keys, as in the tables that this file writes, need no map.
 
 use crate::collector::{Collector, parse_ns};
-use crate::error::{ImportError, MapError};
-use crate::flight::{RecordedFlight, SkipReason};
+use crate::error::{ImportError, Imported, MapError};
+use crate::flight::SkipReason;
 use csv::ByteRecord;
 use serde::de::{Error as _, MapAccess, Visitor};
 use serde::{Deserialize, Deserializer, Serialize};
@@ -139,11 +139,9 @@ impl CsvMap {
         if let Some(path) = file {
             let place = path.display().to_string();
             let text = std::fs::read_to_string(path)
-                .map_err(|error| MapError::Unreadable { path: place.clone(), reason: error.to_string() })?;
-            let not_a_map = |error: toml::de::Error| MapError::NotAMap {
-                place: format!("map '{place}'"),
-                reason: error.to_string(),
-            };
+                .map_err(|error| MapError::Unreadable(place.clone(), error.to_string()))?;
+            let not_a_map =
+                |error: toml::de::Error| MapError::NotAMap(format!("map '{place}'"), error.to_string());
             // Once into the map itself, for its errors name the line; once as pairs, to be overridden.
             toml::from_str::<Self>(&text).map_err(not_a_map)?;
             table = toml::from_str(&text).map_err(not_a_map)?;
@@ -152,9 +150,8 @@ impl CsvMap {
             let (key, column) = pair.split_once('=').ok_or_else(|| MapError::NotAPair(pair.clone()))?;
             table.insert(key.trim().into(), toml::Value::String(column.into()));
         }
-        table.try_into().map_err(|error: toml::de::Error| MapError::NotAMap {
-            place: "--column".into(),
-            reason: error.to_string().trim().into(),
+        table.try_into().map_err(|error: toml::de::Error| {
+            MapError::NotAMap("--column".into(), error.to_string().trim().into())
         })
     }
 
@@ -238,7 +235,7 @@ struct Places {
 }
 
 impl Places {
-    fn find(map: &CsvMap, header: &ByteRecord, path: &str) -> Result<Self, ImportError> {
+    fn find(map: &CsvMap, header: &ByteRecord, path: &str) -> Imported<Self> {
         let names: Vec<_> =
             header.iter().map(|name| String::from_utf8_lossy(name).trim().to_owned()).collect();
         let place_of = |column: &str| {
@@ -260,10 +257,10 @@ impl Places {
         }
         let time = place_of(time)?;
         let found = columns.into_iter().map(|(place, _, columns)| {
-            Ok((place, columns.into_iter().map(place_of).collect::<Result<_, ImportError>>()?))
+            Ok((place, columns.into_iter().map(place_of).collect::<Imported<_>>()?))
         });
         let velocity_axes = map.velocity_frame.unwrap_or_default();
-        Ok(Self { time, ns_per_unit, velocity_axes, fields: found.collect::<Result<_, ImportError>>()? })
+        Ok(Self { time, ns_per_unit, velocity_axes, fields: found.collect::<Imported<_>>()? })
     }
 
     /// Time and sample of a row; counts values that are given as not finite.
@@ -309,11 +306,11 @@ impl Row<'_> {
     }
 }
 
-pub(crate) fn parse(bytes: &[u8], path: &str, map: &CsvMap) -> Result<RecordedFlight, ImportError> {
+pub(crate) fn parse(bytes: &[u8], path: &str, map: &CsvMap) -> Imported {
     let mut reader = csv::ReaderBuilder::new().delimiter(map.separator()?).flexible(true).from_reader(bytes);
     let header = match reader.byte_headers() {
         Ok(header) if !header.is_empty() => header.clone(),
-        _ => return Err(ImportError::Empty { path: path.into() }),
+        _ => return Err(ImportError::Empty(path.into())),
     };
     let places = Places::find(map, &header, path)?;
     let mut flight = Collector::default();

@@ -3,47 +3,32 @@
 #[cfg(feature = "ulog")]
 mod read;
 
-use crate::importer::{ImportOption, Importer};
+use crate::importer::{Format, ImportOption, Importer};
 #[cfg(feature = "ulog")]
-use crate::{error::ImportError, flight::RecordedFlight, importer::ImportOptions};
+use crate::{error::Imported, importer::ImportOptions};
 
 /// PX4's ULog.
 #[derive(Debug)]
 pub struct Ulog;
 
 impl Importer for Ulog {
-    fn name(&self) -> &'static str {
-        "ulog"
-    }
-
-    fn about(&self) -> &'static str {
-        "PX4's ULog, topics joined by time stamp; the force of a full set-point, --thrust-n or --mass-kg says"
-    }
-
-    fn ending(&self) -> &'static str {
-        "ulg"
-    }
-
-    fn reads(&self) -> &'static [ImportOption] {
-        &[ImportOption::Scales]
-    }
-
-    fn is_built_in(&self) -> bool {
-        cfg!(feature = "ulog")
+    fn format(&self) -> Format {
+        Format {
+            name: "ulog",
+            about: "PX4's ULog, topics joined by time stamp; the force of a full set-point, --thrust-n or --mass-kg says",
+            ending: "ulg",
+            reads: &[ImportOption::Scales],
+            is_built_in: cfg!(feature = "ulog"),
+        }
     }
 
     #[cfg(feature = "ulog")]
-    fn contents(&self, bytes: &[u8], _: &str, _: &ImportOptions) -> Result<Vec<String>, ImportError> {
+    fn contents(&self, bytes: &[u8], _: &str, _: &ImportOptions) -> Imported<Vec<String>> {
         Ok(read::contents(bytes))
     }
 
     #[cfg(feature = "ulog")]
-    fn import(
-        &self,
-        bytes: &[u8],
-        file: &str,
-        options: &ImportOptions,
-    ) -> Result<RecordedFlight, ImportError> {
+    fn import(&self, bytes: &[u8], file: &str, options: &ImportOptions) -> Imported {
         read::parse(bytes, file, options)
     }
 }

@@ -83,8 +83,11 @@ impl FrameTally {
 /// The kind of the bytes that begin with a marker.
 enum Candidate {
     Whole(usize),
-    WrongSum(usize),
-    UnknownMessage(usize),
+    /// With a wrong sum, or a message without a known one.
+    Unverified {
+        length: usize,
+        is_known: bool,
+    },
     Unfinished,
     Nothing,
 }
@@ -133,28 +136,20 @@ impl Decoder {
                         return;
                     }
                 },
-                // Counts as a frame if another frame, or nothing, follows it.
-                Candidate::WrongSum(length) if rest.get(length).is_none_or(|b| is_marker(*b)) => {
+                // Believed to be a frame where another one, or nothing, follows it.
+                Candidate::Unverified { length, is_known }
+                    if rest.get(length).is_none_or(|b| is_marker(*b)) =>
+                {
                     match whole_within(rest, length) {
                         Some(offset) => self.skip(&mut at, offset),
                         None => {
-                            self.tally.crc_failures += 1;
+                            self.tally.crc_failures += u64::from(is_known);
+                            self.tally.unknown_messages += u64::from(!is_known);
                             at += length;
                         }
                     }
                 }
-                Candidate::UnknownMessage(length) if rest.get(length).is_none_or(|b| is_marker(*b)) => {
-                    match whole_within(rest, length) {
-                        Some(offset) => self.skip(&mut at, offset),
-                        None => {
-                            self.tally.unknown_messages += 1;
-                            at += length;
-                        }
-                    }
-                }
-                Candidate::WrongSum(_) | Candidate::UnknownMessage(_) | Candidate::Nothing => {
-                    self.skip(&mut at, 1);
-                }
+                Candidate::Unverified { .. } | Candidate::Nothing => self.skip(&mut at, 1),
             }
         }
         self.tally.garbage_bytes += (self.bytes.len() - at) as u64;
@@ -218,12 +213,12 @@ fn candidate(bytes: &[u8]) -> Candidate {
         return Candidate::Unfinished;
     }
     if !MavMessage::all_ids().contains(&frame.message_id) {
-        return Candidate::UnknownMessage(length);
+        return Candidate::Unverified { length, is_known: false };
     }
     let end = frame_length(&frame) - SUM;
     let sum = u16::from_le_bytes([bytes[end], bytes[end + 1]]);
     if calculate_crc(&bytes[1..end], MavMessage::extra_crc(frame.message_id)) != sum {
-        return Candidate::WrongSum(length);
+        return Candidate::Unverified { length, is_known: true };
     }
     Candidate::Whole(length)
 }

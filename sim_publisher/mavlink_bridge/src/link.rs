@@ -81,30 +81,15 @@ pub enum LinkError {
          which), or let the vehicle or a MAVLink router send to another port, too"
     )]
     InUse(Address),
-    /// The system refused the socket.
-    #[error("cannot open {address}: {cause}; needed: an address of this machine, or 0.0.0.0 for all of them")]
-    Socket {
-        /// Which.
-        address: Address,
-        /// The system's reason.
-        cause: std::io::Error,
-    },
-    /// The name has no address.
-    #[error("cannot find '{name}': {cause}; needed: HOST:PORT")]
-    Host {
-        /// Which.
-        name: String,
-        /// The system's reason.
-        cause: std::io::Error,
-    },
-    /// No such device.
-    #[error("no serial port '{path}'; {found}")]
-    NoPort {
-        /// Which.
-        path: String,
-        /// Those that are there.
-        found: String,
-    },
+    /// The system refused the socket of this address.
+    #[error("cannot open {0}: {1}; needed: an address of this machine, or 0.0.0.0 for all of them")]
+    Socket(Address, #[source] std::io::Error),
+    /// This name leads nowhere.
+    #[error("cannot find '{0}': {1}; needed: HOST:PORT")]
+    Host(String, #[source] std::io::Error),
+    /// No such device; those that are there.
+    #[error("no serial port '{0}'; {1}")]
+    NoPort(String, String),
     /// No right to use it.
     #[error(
         "no permission for '{0}'; needed: to be in the group that owns it (often dialout): \
@@ -126,14 +111,9 @@ pub enum LinkError {
         /// The system's reason.
         cause: std::io::Error,
     },
-    /// The device was removed.
-    #[error("{address}: {cause}")]
-    Gone {
-        /// Which.
-        address: Address,
-        /// The system's reason.
-        cause: std::io::Error,
-    },
+    /// The device of this address has gone.
+    #[error("{0}: {1}")]
+    Gone(Address, #[source] std::io::Error),
 }
 
 /// An open link.
@@ -150,7 +130,7 @@ pub enum Link {
 /// # Errors
 /// `Host` where there is none.
 pub(crate) fn resolve(name: &str) -> Result<SocketAddr, LinkError> {
-    let host = |cause| LinkError::Host { name: name.into(), cause };
+    let host = |cause| LinkError::Host(name.into(), cause);
     let mut found = name.to_socket_addrs().map_err(host)?;
     found.next().ok_or_else(|| host(ErrorKind::NotFound.into()))
 }
@@ -163,7 +143,7 @@ impl Link {
     pub fn open(address: &Address) -> Result<Self, LinkError> {
         let socket_error = |cause: std::io::Error| match cause.kind() {
             ErrorKind::AddrInUse => LinkError::InUse(address.clone()),
-            _ => LinkError::Socket { address: address.clone(), cause },
+            _ => LinkError::Socket(address.clone(), cause),
         };
         let (at, to) = match address {
             Address::Udp(at) => (resolve(at)?, None),
@@ -241,7 +221,7 @@ impl AsFd for Link {
 fn serial(path: &str, baud: u32) -> Result<File, LinkError> {
     let flags = (OFlags::NOCTTY | OFlags::NONBLOCK | OFlags::CLOEXEC).bits().cast_signed();
     let refused = |cause: std::io::Error| match cause.kind() {
-        ErrorKind::NotFound => LinkError::NoPort { path: path.into(), found: ports() },
+        ErrorKind::NotFound => LinkError::NoPort(path.into(), ports()),
         ErrorKind::PermissionDenied => LinkError::Permission(path.into()),
         ErrorKind::ResourceBusy => LinkError::Held(path.into()),
         _ => LinkError::Port { path: path.into(), baud, cause },

@@ -234,7 +234,7 @@ pub fn run(
             }
         }
         if let Err(cause) = outcome {
-            let gone = LinkError::Gone { address: options.listen.clone(), cause };
+            let gone = LinkError::Gone(options.listen.clone(), cause);
             logln!("{gone}; waiting for it to come back");
             link = None;
         }

@@ -56,7 +56,8 @@ impl ImportArguments {
 }
 
 fn format_parser() -> impl TypedValueParser<Value = &'static dyn Importer> {
-    let names = IMPORTERS.map(|importer| PossibleValue::new(importer.name()).help(importer.about()));
+    let names =
+        IMPORTERS.map(|importer| PossibleValue::new(importer.format().name).help(importer.format().about));
     PossibleValuesParser::new(names).map(|name| importers::by_name(&name).expect("a listed name"))
 }
 

@@ -1,8 +1,9 @@
 //! `sim_publisher mavlink`: publishes a live vehicle's messages as samples, and sends the estimate back.
 
 use super::arguments::parse_axes;
-use super::target::{Failure, TargetArgs, connected, stop_flag};
+use super::target::{Failure, TargetArgs, connected};
 use clap::{Args, ValueEnum};
+use command_line::stop_flag;
 use mavlink_bridge::{Address, Link, MavlinkError, Options, Settings, Source};
 use shared_types::{logln, outln};
 

@@ -1,7 +1,7 @@
 //! `sim_publisher run`: simulates a vehicle with its sensors and faults.
 
 use super::arguments::parse_axes;
-use super::target::{Failure, TargetArgs, publish_source, report, stop_flag};
+use super::target::{Failure, TargetArgs, publish_source, report};
 use crate::delivery::Outgoing;
 use crate::faults::{Fault, Faults, Faulty, Reach, Tally, check_faults, read_faults};
 use crate::publish::{Pace, Published};
@@ -10,6 +10,7 @@ use crate::sensors::Outage;
 use crate::simulation::{DEFAULT_RATE_HZ, Simulation, SimulationOptions};
 use crate::supervise::{self, Message, Supervised, supervise};
 use clap::Args;
+use command_line::stop_flag;
 use importers::write_table;
 use shared_types::outln;
 use std::cell::Cell;

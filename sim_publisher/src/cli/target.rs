@@ -6,12 +6,11 @@ use crate::publish::{Pace, Published, connect, publish};
 use crate::simulation::SimulationError;
 use crate::supervise::SuperviseError;
 use clap::Args;
+use command_line::stop_flag;
 use importers::ImportError;
 use shared_types::service::ServiceError;
 use shared_types::{Client, ClientError, Domain, DomainError, logln, outln};
-use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 use std::path::PathBuf;
-use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
 #[derive(Debug, Args)]
@@ -65,15 +64,6 @@ impl Failure {
             Self::Simulation(_) | Self::Faults(_) | Self::Import(_) | Self::Domain(_) | Self::Usage(_) => 2,
         }
     }
-}
-
-/// Set by Ctrl-C and its like, from now on.
-pub(super) fn stop_flag() -> Result<Arc<AtomicBool>, Failure> {
-    let stop = Arc::new(AtomicBool::new(false));
-    for signal in [SIGINT, SIGTERM, SIGHUP] {
-        signal_hook::flag::register(signal, Arc::clone(&stop))?;
-    }
-    Ok(stop)
 }
 
 /// The service of this instance, once it is there; `None` where a stop came first.
@@ -133,15 +123,8 @@ pub(super) fn report<const N: usize>(
         );
         return;
     }
-    let mut document = serde_json::json!({
-        "samples_published": published.samples_published,
-        "samples_dropped": published.samples_dropped,
-        "samples_late": published.samples_late,
-        "largest_lateness_ns": published.largest_lateness_ns,
-        "duration_s": duration_s,
-        "start_stamp_ns": published.start_stamp_ns,
-        "stopped": published.stopped,
-    });
+    let mut document = serde_json::to_value(published).expect("numbers");
+    document["duration_s"] = duration_s.into();
     for (key, value) in details {
         document[key] = value;
     }

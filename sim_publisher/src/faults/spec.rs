@@ -147,39 +147,24 @@ pub enum Reach {
     Service,
 }
 
-/// Name, an example, and what it does.
-struct Words {
-    name: &'static str,
-    example: &'static str,
-    does: &'static str,
-}
-
-const fn words(name: &'static str, example: &'static str, does: &'static str) -> Words {
-    Words { name, example, does }
-}
-
-/// In the order of the help.
-const KINDS: [Words; 16] = [
-    words("drop", "drop@5:2,probability=0.3", "samples are lost with this probability (0 … 1)"),
-    words("burst", "burst@5:0.5", "all samples are lost"),
-    words("rate-change", "rate-change@5:2,divide_by=4", "only one sample in divide_by is taken"),
-    words("freeze", "freeze@5:1,field=velocity", "the sensor repeats its last value"),
-    words("spike", "spike@5:2,size=3,every=10", "one sample in every [10] has an error of this size"),
-    words("nan", "nan@5:0.5,field=attitude", "one sample in every [1] is not a number"),
-    words("bias", "bias@5:1,size=0.5", "a constant error of this size"),
-    words("drift", "drift@5:2,per_s=0.3", "an error that grows by per_s every second"),
-    words("delay", "delay@5:1,by_s=0.1", "samples arrive later by this (s), with true stamps"),
-    words("reorder", "reorder@5:1,every=4", "one sample in every [2] changes places with the next one"),
-    words("duplicate", "duplicate@5:1", "one sample in every [1] is sent twice"),
-    words("clock-jump", "clock-jump@5:1,by_s=-2", "stamps lie ahead of the truth by this (s), or behind"),
-    words("stop", "stop@5:1", "the publishing process is stopped (SIGSTOP), then goes on"),
-    words("kill", "kill@5:1", "the publishing process is killed (SIGKILL), started again"),
-    words("service-stop", "service-stop@5:1", "the service's process is stopped, then goes on (bench demo)"),
-    words(
-        "service-kill",
-        "service-kill@5:1",
-        "the service's process is killed, then started again (bench demo)",
-    ),
+/// Name, an example, and what it does; in the order of the help.
+const KINDS: [(&str, &str, &str); 16] = [
+    ("drop", "drop@5:2,probability=0.3", "samples are lost with this probability (0 … 1)"),
+    ("burst", "burst@5:0.5", "all samples are lost"),
+    ("rate-change", "rate-change@5:2,divide_by=4", "only one sample in divide_by is taken"),
+    ("freeze", "freeze@5:1,field=velocity", "the sensor repeats its last value"),
+    ("spike", "spike@5:2,size=3,every=10", "one sample in every [10] has an error of this size"),
+    ("nan", "nan@5:0.5,field=attitude", "one sample in every [1] is not a number"),
+    ("bias", "bias@5:1,size=0.5", "a constant error of this size"),
+    ("drift", "drift@5:2,per_s=0.3", "an error that grows by per_s every second"),
+    ("delay", "delay@5:1,by_s=0.1", "samples arrive later by this (s), with true stamps"),
+    ("reorder", "reorder@5:1,every=4", "one sample in every [2] changes places with the next one"),
+    ("duplicate", "duplicate@5:1", "one sample in every [1] is sent twice"),
+    ("clock-jump", "clock-jump@5:1,by_s=-2", "stamps lie ahead of the truth by this (s), or behind"),
+    ("stop", "stop@5:1", "the publishing process is stopped (SIGSTOP), then goes on"),
+    ("kill", "kill@5:1", "the publishing process is killed (SIGKILL), started again"),
+    ("service-stop", "service-stop@5:1", "the service's process is stopped, then goes on (bench demo)"),
+    ("service-kill", "service-kill@5:1", "the service's process is killed, then started again (bench demo)"),
 ];
 
 /// What `--help` says about faults.
@@ -189,7 +174,7 @@ pub fn help() -> String {
          start; several with ';' or the option again; or a TOML file of tables\n\
          [[fault]] with the keys kind, start_s, length_s and those below:\n",
     );
-    for Words { example, does, .. } in &KINDS {
+    for (_, example, does) in KINDS {
         text.push_str(&format!("  {example}\n      {does}\n"));
     }
     let fields: Vec<_> = Field::named().map(|(name, _)| name).collect();
@@ -287,11 +272,11 @@ impl Written {
 
     fn fault(mut self) -> Result<Fault, FaultError> {
         let name = self.word("kind")?.unwrap_or_default();
-        let Some(kind) = KINDS.iter().find(|kind| kind.name == name) else {
-            let names: Vec<_> = KINDS.iter().map(|kind| kind.name).collect();
+        let Some((_, example, _)) = KINDS.into_iter().find(|(known, ..)| *known == name) else {
+            let names = KINDS.map(|(name, ..)| name);
             return Err(self.wrong(format!("kind '{name}'"), format!("one of {}", names.join(", "))));
         };
-        self.example = kind.example;
+        self.example = example;
         const MAX_S: f64 = 1e6;
         let start_s =
             self.number("start_s", None, |s| (0.0..=MAX_S).contains(&s), "the start in s, from 0")?;
@@ -442,7 +427,7 @@ pub fn read_faults(arguments: &[String]) -> Result<Vec<Fault>, FaultError> {
 }
 
 fn from_text(text: &str) -> Result<Fault, FaultError> {
-    let mut written = Written { text: text.to_owned(), example: KINDS[4].example, keys: BTreeMap::new() };
+    let mut written = Written { text: text.to_owned(), example: KINDS[4].1, keys: BTreeMap::new() };
     let mut parts = text.split(',').map(str::trim);
     let head = parts.next().unwrap_or("");
     let Some((kind, times)) = head.split_once('@') else {
@@ -481,7 +466,7 @@ fn from_file(file: &str) -> Result<Vec<Fault>, FaultError> {
     let tables: Tables = toml::from_str(&text).map_err(|error| refused(error.to_string()))?;
     let fault = |(i, table): (usize, toml::Table)| {
         let text = format!("{file}, [[fault]] number {}", i + 1);
-        let mut written = Written { text, example: KINDS[4].example, keys: BTreeMap::new() };
+        let mut written = Written { text, example: KINDS[4].1, keys: BTreeMap::new() };
         for (key, value) in table {
             let value = match value {
                 toml::Value::Integer(number) => Value::Number(number as f64),
@@ -544,7 +529,7 @@ pub(super) mod tests {
     /// Any fault that can be written.
     pub(in super::super) fn any_fault() -> impl Strategy<Value = Fault> {
         let kind = (0..KINDS.len(), 0.0..=1.0f64, 1e-3..100.0f64, 2..50u64).prop_map(
-            |(which, probability, size, every)| match KINDS[which].name {
+            |(which, probability, size, every)| match KINDS[which].0 {
                 "drop" => Kind::Drop { probability },
                 "burst" => Kind::Burst,
                 "freeze" => Kind::Freeze,
@@ -591,9 +576,9 @@ pub(super) mod tests {
 
     #[test]
     fn every_example_of_the_help_is_a_fault_of_its_kind() {
-        for Words { name, example, .. } in &KINDS {
+        for (name, example, _) in KINDS {
             let faults = read(example).unwrap();
-            assert_eq!((faults.len(), faults[0].kind.name()), (1, *name));
+            assert_eq!((faults.len(), faults[0].kind.name()), (1, name));
             assert!(help().contains(example));
         }
     }

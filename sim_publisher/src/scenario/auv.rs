@@ -197,8 +197,10 @@ pub(super) fn definition() -> Definition {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::Scenario;
     use crate::plant::integrate_in;
-    use crate::{Scenario, Simulation, SimulationOptions};
+    use crate::simulation::largest;
+    use shared_types::Truth;
 
     fn in_ideal_still_water() -> UnderwaterVehicle {
         let none = Damping { linear: Vector3::zeros(), quadratic: Vector3::zeros() };
@@ -289,18 +291,14 @@ mod tests {
 
     #[test]
     fn the_vehicle_stays_near_its_lanes_with_its_nose_along_them() {
-        let options = SimulationOptions { duration_s: Some(120.0), ..SimulationOptions::of(Scenario::Auv) };
-        let mut worst = (0.0f64, 0.0f64);
-        for sample in Simulation::new(&options).unwrap() {
-            let (t_s, truth) = (sample.truth.stamp_ns as f64 * 1e-9, sample.truth);
-            let reference = reference(t_s);
+        let distance =
+            |t_s: f64, truth: &Truth| (Vector3::from(truth.position_m) - reference(t_s).position).norm();
+        let angle = |t_s: f64, truth: &Truth| {
             let [w, x, y, z] = truth.attitude_wxyz;
             let attitude = UnitQuaternion::from_quaternion(nalgebra::Quaternion::new(w, x, y, z));
-            let distance = (Vector3::from(truth.position_m) - reference.position).norm();
-            let angle = attitude.angle_to(&UnitQuaternion::from_rotation_matrix(&reference.attitude));
-            worst = (distance.max(worst.0), angle.max(worst.1));
-        }
-        println!("largest distance from the reference: {worst:?}");
+            attitude.angle_to(&UnitQuaternion::from_rotation_matrix(&reference(t_s).attitude))
+        };
+        let worst = (largest(Scenario::Auv, 120.0, distance), largest(Scenario::Auv, 120.0, angle));
         // 40 N of drag and added mass against 45 kg · 2 s⁻², 20 N m of the Munk moment against 6 kg m² · 16 s⁻².
         assert!(worst.0 < 0.5 && worst.1 < 0.3);
     }

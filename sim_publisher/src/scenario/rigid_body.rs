@@ -154,7 +154,9 @@ pub(super) fn definition() -> Definition {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{Scenario, Simulation, SimulationOptions};
+    use crate::Scenario;
+    use crate::simulation::largest;
+    use shared_types::Truth;
 
     #[test]
     fn f_is_the_payload_s_share_of_the_command_and_of_the_drag() {
@@ -212,15 +214,9 @@ mod tests {
 
     #[test]
     fn the_quadcopter_stays_near_its_reference() {
-        let options =
-            SimulationOptions { duration_s: Some(60.0), ..SimulationOptions::of(Scenario::RigidBody) };
-        let mut worst = 0.0f64;
-        for sample in Simulation::new(&options).unwrap() {
-            let (t_s, truth) = (sample.truth.stamp_ns as f64 * 1e-9, sample.truth);
-            let distance = (Vector3::from(truth.position_m) - reference(t_s).position).norm();
-            worst = distance.max(worst);
-        }
-        println!("largest distance from the reference: {worst:?}");
+        let distance =
+            |t_s: f64, truth: &Truth| (Vector3::from(truth.position_m) - reference(t_s).position).norm();
+        let worst = largest(Scenario::RigidBody, 60.0, distance);
         // 6 N of unknown force against 2 kg · 4 s⁻², and the lag of the attitude loop.
         assert!(worst > 0.1 && worst < 1.0);
     }

@@ -95,7 +95,9 @@ pub(super) fn definition() -> Definition {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{Scenario, Simulation, SimulationOptions};
+    use crate::Scenario;
+    use crate::simulation::largest;
+    use shared_types::Truth;
 
     #[test]
     fn the_paper_s_numbers_stand() {
@@ -131,15 +133,9 @@ mod tests {
 
     #[test]
     fn the_unknown_force_pushes_the_mass_no_further_than_the_feedback_allows() {
-        let options =
-            SimulationOptions { duration_s: Some(60.0), ..SimulationOptions::of(Scenario::Translation) };
-        let mut worst = 0.0f64;
-        for sample in Simulation::new(&options).unwrap() {
-            let (t_s, truth) = (sample.truth.stamp_ns as f64 * 1e-9, sample.truth);
-            let distance = (Vector3::from(truth.position_m) - reference(t_s).position).norm();
-            worst = distance.max(worst);
-        }
-        println!("largest distance from the reference: {worst:?}");
+        let distance =
+            |t_s: f64, truth: &Truth| (Vector3::from(truth.position_m) - reference(t_s).position).norm();
+        let worst = largest(Scenario::Translation, 60.0, distance);
         // A force of at most √6 N against a spring of 1 N/m, damped with a ratio of 1/4: it may overshoot by half.
         assert!(worst > 0.5 && worst < 1.5 * 6f64.sqrt());
     }

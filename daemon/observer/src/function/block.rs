@@ -99,7 +99,6 @@ impl LatticeBlock {
         self.counts
     }
 
-    /// Octets.
     pub(crate) fn n_octets(&self) -> usize {
         self.n_octets
     }

@@ -23,7 +23,6 @@ impl<const M: usize, const S: usize> Learned<M, S> {
         self.scalars = [0.0; S];
     }
 
-    /// How many numbers it is.
     pub(crate) fn n_numbers(&self) -> usize {
         self.runs.iter().map(Vec::len).sum::<usize>() + S
     }
@@ -43,9 +42,6 @@ impl<const M: usize, const S: usize> Learned<M, S> {
     }
 
     /// Takes numbers that were read.
-    ///
-    /// # Panics
-    /// With another count than [`Learned::n_numbers`].
     pub(crate) fn load(&mut self, numbers: &[f64]) {
         let mut rest = numbers;
         for run in &mut self.runs {

@@ -28,7 +28,6 @@ pub(crate) struct DenseFunction<const M: usize> {
 }
 
 impl<const M: usize> DenseFunction<M> {
-    /// Zero.
     pub(crate) fn zero(space: NativeSpace) -> Self {
         let (n, m) = (space.n_padded(), space.centers().dimension());
         Self {

@@ -106,9 +106,6 @@ impl<const M: usize> LearnedFunction<M> {
     }
 
     /// Takes the checkpoint of another function of the same design, as learned and as its own checkpoint.
-    ///
-    /// # Panics
-    /// With another count of numbers than [`LearnedFunction::n_learned`].
     pub(crate) fn load(&mut self, numbers: &[f64]) {
         each!(&mut self.kind, f => f.load(numbers));
     }
@@ -163,4 +160,4 @@ impl<const M: usize> LearnedFunction<M> {
 }
 
 #[cfg(test)]
-pub(crate) mod tests;
+mod tests;

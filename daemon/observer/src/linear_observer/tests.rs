@@ -1,40 +1,12 @@
 use super::*;
 use crate::design::DisturbanceBounds;
-use crate::function::solver::Solver;
+use crate::designs::{Random, matrix, oscillator};
 use crate::law::dead_zone::{DeadZone, DeadZoneShape};
 use crate::law::linear_stability::largest_gain;
 use crate::plant::linear::{MAX_STATES, held_integral};
-
 use crate::space::centers::Centers;
 use crate::space::kernel::Kernel;
-use crate::space::scaled_kernel::LengthScale;
 use nalgebra::{DMatrix, DVector};
-
-fn matrix(rows: usize, entries: &[f64]) -> DMatrix<f64> {
-    DMatrix::from_row_slice(rows, entries.len() / rows, entries)
-}
-
-/// A mass on a spring whose sensor mixes position and velocity, so that the transfer function
-/// (s + 2)/(s² + …) is strictly positive real: x = (r, v), m = 2.
-fn oscillator() -> LinearDesign {
-    LinearDesign {
-        a: matrix(2, &[0.0, 1.0, -3.0, -0.2]),
-        b: matrix(2, &[0.0, 0.5]),
-        c: matrix(1, &[2.0, 1.0]),
-        gain: matrix(2, &[1.0, 8.0]),
-        kernel: Kernel::SobolevMatern { dimension: 1, order: 2 },
-        length_scale: LengthScale::Isotropic(1.0),
-        centers: Centers::lattice([-3.0], [3.0], [13]).unwrap(),
-        nugget: 0.0,
-        solver: Solver::Dense,
-        adaptation_rate: matrix(1, &[50.0]),
-        dead_zone: DeadZone::new(DeadZoneShape::Saturated, 1e-4, 1e-4).unwrap(),
-        bounds: DisturbanceBounds::default(),
-        hold_s: 0.0075,
-        coast_step_s: 0.005,
-        initial_state: Some(DVector::from_vec(vec![0.5, 0.0])),
-    }
-}
 
 /// The oscillator driven by u, with the unknown force −0.8 y |y|, by RK4 with small steps.
 fn run(
@@ -156,22 +128,13 @@ fn one_percent_inside_of_the_general_bound_the_law_settles_and_one_percent_outsi
 #[test]
 fn noise_and_disturbances_within_their_bounds_keep_the_error_within_e0_times_the_root_of_the_condition_of_p()
 {
-    let mut seed = 1_u64;
-    let mut random = || {
-        seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        (seed >> 11) as f64 / (1_u64 << 52) as f64 - 1.0
-    };
+    let mut random = Random(1);
     let (noise_bound, unmatched_bound, h_s) = (0.02, 0.03, 2e-3);
     let (mut closest, mut beyond_e0) = (0.0_f64, 0.0_f64);
     for case in 0..48 {
         let (n, m) = ([2, 3, 4][case % 3], [1, 1, 2, 2][case % 4]);
-        let mut random_matrix = |rows, columns| DMatrix::from_fn(rows, columns, |_, _| random());
-        let mut definite = || {
-            let factor = random_matrix(n, n);
-            &factor * factor.transpose() + 0.2 * DMatrix::identity(n, n)
-        };
-        let (p, q): (DMatrix<f64>, DMatrix<f64>) = (definite(), definite());
-        let (skew, b, gain) = (random_matrix(n, n), random_matrix(n, m), random_matrix(n, m));
+        let (p, q) = (random.positive(n, 0.2), random.positive(n, 0.2));
+        let (skew, b, gain) = (random.matrix(n, n), random.matrix(n, m), random.matrix(n, m));
         let skew = 2.0 * (&skew - skew.transpose());
         let c = b.tr_mul(&p);
         let a_e = p.clone().try_inverse().unwrap() * (skew - 0.5 * q);
@@ -203,9 +166,9 @@ fn noise_and_disturbances_within_their_bounds_keep_the_error_within_e0_times_the
                 if greedy {
                     noise = -noise_bound * unit(design.gain.tr_mul(&(&pair.p * &error)));
                     unmatched = unmatched_bound * unit(&pair.p * &error);
-                } else if random() > 0.99 {
-                    noise = noise_bound * unit(DVector::from_fn(m, |_, _| random()));
-                    unmatched = unmatched_bound * unit(DVector::from_fn(n, |_, _| random()));
+                } else if random.next() > 0.99 {
+                    noise = noise_bound * unit(DVector::from_fn(m, |_, _| random.next()));
+                    unmatched = unmatched_bound * unit(DVector::from_fn(n, |_, _| random.next()));
                 }
                 error += &integral * (&a_e * &error - &design.gain * &noise + &unmatched);
                 if j as f64 * h_s > settle_s {

@@ -79,10 +79,7 @@ pub(crate) fn spectral_norm(matrix: &DMatrix<f64>) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    fn matrix(rows: usize, entries: &[f64]) -> DMatrix<f64> {
-        DMatrix::from_row_slice(rows, entries.len() / rows, entries)
-    }
+    use crate::designs::matrix;
 
     #[test]
     fn the_subspaces_of_a_double_integrator() {

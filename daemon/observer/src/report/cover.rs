@@ -60,8 +60,8 @@ impl NativeSpace {
     }
 }
 
-/// The effect of another length scale on a space.
-#[derive(Debug, Clone, PartialEq)]
+/// What another length scale would do to a space.
+#[derive(Debug, Clone, PartialEq, serde::Serialize)]
 pub struct LengthScaleEffect {
     /// Times the length scale of the design.
     pub factor: f64,

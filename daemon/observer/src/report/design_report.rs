@@ -88,7 +88,6 @@ struct WholePlant {
     states: Vec<String>,
     a: DMatrix<f64>,
     b: DMatrix<f64>,
-    /// All that is measured.
     measured: DMatrix<f64>,
     error_dynamics: DMatrix<f64>,
 }

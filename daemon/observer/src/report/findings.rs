@@ -2,9 +2,11 @@
 
 use crate::report::design_report::DesignReport;
 use crate::report::words::{matrix_in_words, number, pole_in_words};
+use serde::Serialize;
 
 /// Whether a condition is met.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
 pub enum Verdict {
     /// It is.
     Holds,
@@ -12,12 +14,13 @@ pub enum Verdict {
     Fails,
     /// The paper claims it, and its proof does not cover this design.
     Claimed,
-    /// It does not apply to this design.
+    /// It says nothing about this design.
+    #[serde(rename = "not applicable")]
     NotApplicable,
 }
 
 /// One line of a report.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Finding {
     /// The condition.
     pub condition: String,

@@ -201,12 +201,8 @@ fn riccati(f: &DMatrix<f64>, r: &DMatrix<f64>, g: &DMatrix<f64>) -> Option<DMatr
 #[cfg(test)]
 mod tests {
     use super::*;
-
+    use crate::designs::{Random, matrix};
     use nalgebra::DVector;
-
-    fn matrix(rows: usize, entries: &[f64]) -> DMatrix<f64> {
-        DMatrix::from_row_slice(rows, entries.len() / rows, entries)
-    }
 
     /// A channel of the rigid body: P = M and Q = PL + LᵀP.
     #[test]
@@ -251,26 +247,6 @@ mod tests {
         let found =
             lure_pair(&a_e, &matrix(2, &[0.0, 1.0]), &matrix(1, &[1.0, 0.0]), &matrix(2, &[0.0, 0.0]));
         assert!(found.unwrap_err().contains("CB"));
-    }
-
-    /// Repeatable numbers in (−1, 1).
-    struct Random(u64);
-
-    impl Random {
-        fn next(&mut self) -> f64 {
-            self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-            (self.0 >> 11) as f64 / (1_u64 << 52) as f64 - 1.0
-        }
-
-        fn matrix(&mut self, rows: usize, columns: usize) -> DMatrix<f64> {
-            DMatrix::from_fn(rows, columns, |_, _| self.next())
-        }
-
-        /// G Gᵀ + floor·I.
-        fn positive(&mut self, n: usize, floor: f64) -> DMatrix<f64> {
-            let g = self.matrix(n, n);
-            &g * g.transpose() + floor * DMatrix::identity(n, n)
-        }
     }
 
     /// Plants made from a P and a Q that are known, so that a pair exists: `A_e = P⁻¹(K − Q/2)`, K skew, C = BᵀP. One is

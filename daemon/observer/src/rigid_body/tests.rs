@@ -1,13 +1,11 @@
 use super::*;
 use crate::channels::ChannelState;
-use crate::design::DisturbanceBounds;
-use crate::function::solver::Solver;
+use crate::designs::body_channel;
 use crate::innovation_gate::{InnovationGate, OutlierAction};
 use crate::law::channel::BodyChannel;
 use crate::law::dead_zone::{DeadZone, DeadZoneShape};
 use crate::law::gradient::Learning;
 use crate::space::centers::Centers;
-use crate::space::kernel::Kernel;
 use crate::space::scaled_kernel::LengthScale;
 use nalgebra::Matrix3;
 
@@ -16,19 +14,11 @@ const PERIOD_S: f64 = 0.005;
 const START_NS: u64 = 77_000_000_000;
 
 fn channel(inertia: Matrix3<f64>, adaptation_rate: f64) -> ChannelDesign {
+    let dead_zone = DeadZone::new(DeadZoneShape::Saturated, 1e-3, 1e-3).unwrap();
     ChannelDesign {
-        kernel: Kernel::SobolevMatern { dimension: 3, order: 3 },
         length_scale: LengthScale::Isotropic(2.0),
         centers: Centers::lattice([-2.0; 3], [2.0; 3], [3; 3]).unwrap(),
-        nugget: 0.0,
-        solver: Solver::Dense,
-        inertia,
-        gain_per_s: 10.0,
-        adaptation_rate: Matrix3::identity() * adaptation_rate,
-        dead_zone: DeadZone::new(DeadZoneShape::Saturated, 1e-3, 1e-3).unwrap(),
-        bounds: DisturbanceBounds::default(),
-        hold_s: 1.5 * PERIOD_S,
-        coast_step_s: PERIOD_S,
+        ..body_channel(inertia, Matrix3::identity() * adaptation_rate, dead_zone)
     }
 }
 

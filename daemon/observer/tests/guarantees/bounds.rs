@@ -1,5 +1,6 @@
 //! E₀ and d_N: where they are exact, where they hold, and where they do not.
 
+use crate::designs::oscillator;
 use crate::native_function::NativeFunction;
 use crate::{NOISE_BOUND, Random, channel, dynamic, full_inertia, isotropic, space_of, step, zone};
 use nalgebra::{DMatrix, DVector, Matrix2, Vector2, Vector3};
@@ -56,14 +57,13 @@ fn the_certificate_of_a_channel_is_that_of_its_linear_plant() {
         kernel: design.kernel,
         length_scale: design.length_scale.clone(),
         centers: design.centers.clone(),
-        nugget: 0.0,
-        solver: Solver::Dense,
         adaptation_rate: identity,
         dead_zone: design.dead_zone,
         bounds,
         hold_s: design.hold_s,
         coast_step_s: design.coast_step_s,
         initial_state: None,
+        ..oscillator()
     })
     .unwrap();
     let (channels, plants) =
@@ -86,17 +86,14 @@ fn the_papers_d_n_bounds_the_output_error_and_not_the_state_error() {
         b: one(0.25),
         c: one(c),
         gain: one(10.0),
-        kernel: Kernel::SobolevMatern { dimension: 1, order: 2 },
-        length_scale: LengthScale::Isotropic(1.0),
         centers: Centers::lattice([-1.0], [1.0], [5]).unwrap(),
-        nugget: 0.0,
-        solver: Solver::Dense,
         adaptation_rate: one(10.0),
         dead_zone: zone(DeadZoneShape::Saturated, 1.02 * noise_bound),
         bounds: DisturbanceBounds { noise: noise_bound, ..DisturbanceBounds::default() },
         hold_s: 1.5 * H_S,
         coast_step_s: H_S,
         initial_state: Some(DVector::zeros(1)),
+        ..oscillator()
     })
     .unwrap();
     let certificate = *observer.channel().certificate().unwrap();
@@ -136,16 +133,14 @@ fn the_ball_of_radius_e0_is_left_again_and_again_where_p_is_not_isotropic() {
         c: DMatrix::identity(2, 2),
         gain: lambda * &inverse,
         kernel: Kernel::SobolevMatern { dimension: 2, order: 2 },
-        length_scale: LengthScale::Isotropic(1.0),
         centers: Centers::lattice([-1.0; 2], [1.0; 2], [3; 2]).unwrap(),
-        nugget: 0.0,
-        solver: Solver::Dense,
         adaptation_rate: DMatrix::identity(2, 2),
         dead_zone: zone(DeadZoneShape::Step, e0),
         bounds: DisturbanceBounds { noise: noise_bound, unmatched: 0.0, residual_norm: 0.0 },
         hold_s: 1.5 * H_S,
         coast_step_s: H_S,
         initial_state: Some(DVector::from_vec(vec![-0.015, 0.0])),
+        ..oscillator()
     })
     .unwrap();
     assert!(

@@ -1,5 +1,6 @@
 //! The law on N centers against the law in H.
 
+use crate::designs::oscillator;
 use crate::native_function::{NativeFunction, projection};
 use crate::reference_law::ReferenceLaw;
 use crate::{Random, channel, full_inertia, full_rate, isotropic, zone};
@@ -119,16 +120,13 @@ fn run_on_centers(kernel: Kernel, n_centers: usize, n: usize) -> (Vec<f64>, f64)
         c: one(1.0),
         gain: one(GAIN_PER_S),
         kernel,
-        length_scale: LengthScale::Isotropic(1.0),
         centers: Centers::lattice([-1.0], [1.0], [n_centers]).unwrap(),
-        nugget: 0.0,
-        solver: Solver::Dense,
         adaptation_rate: one(RATE),
         dead_zone: scalar_zone(),
-        bounds: DisturbanceBounds::default(),
         hold_s: 1.5 * H_S,
         coast_step_s: H_S,
         initial_state: Some(DVector::zeros(1)),
+        ..oscillator()
     })
     .unwrap();
     let stamp_ns = |j: usize| (j as f64 * H_S * 1e9).round() as u64;

@@ -188,6 +188,7 @@ fn first_moment(zone: &DeadZone, e: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::designs::Random;
     use observer::{Centers, Kernel, LengthScale, NativeSpace, ScaledKernel};
 
     /// Against Simpson's rule on 2000 intervals of each of the pieces, on which σ(r) r is a polynomial: its
@@ -223,22 +224,12 @@ mod tests {
         }
     }
 
-    /// Entries in [−1, 1], the same in every run.
     fn random(rows: usize, columns: usize, seed: u64) -> DMatrix<f64> {
-        let mut state = seed;
-        DMatrix::from_fn(rows, columns, |_, _| {
-            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-            (state >> 11) as f64 / (1_u64 << 52) as f64 - 1.0
-        })
+        Random(seed).matrix(rows, columns)
     }
 
     fn random_vector(n: usize, seed: u64) -> DVector<f64> {
         random(n, 1, seed).column(0).into_owned()
-    }
-
-    fn positive_definite(n: usize, seed: u64) -> DMatrix<f64> {
-        let factor = random(n, n, seed);
-        &factor * factor.transpose() + 0.3 * DMatrix::identity(n, n)
     }
 
     /// A strictly positive real plant with n = 3, m = 2 and a matrix P with PB = Cᵀ, made from P, Q and B; and
@@ -264,7 +255,7 @@ mod tests {
 
     fn case(seed: u64) -> Case {
         let (n, m, seed) = (3, 2, 1000 * seed);
-        let (p, q) = (positive_definite(n, seed + 1), positive_definite(n, seed + 2));
+        let (p, q) = (Random(seed + 1).positive(n, 0.3), Random(seed + 2).positive(n, 0.3));
         let skew = random(n, n, seed + 3);
         let skew = &skew - skew.transpose();
         let b = random(n, m, seed + 4);
@@ -277,7 +268,7 @@ mod tests {
             a_e: p.clone().try_inverse().unwrap() * (-0.5 * q + skew),
             c: b.tr_mul(&p),
             gain: random(n, m, seed + 5),
-            rate: positive_definite(m, seed + 6),
+            rate: Random(seed + 6).positive(m, 0.3),
             error: random_vector(n, seed + 7),
             output: random_vector(m, seed + 8),
             noise: random_vector(m, seed + 9),

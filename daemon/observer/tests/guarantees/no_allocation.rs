@@ -1,24 +1,15 @@
 //! After construction the observer allocates nothing, neither while it learns nor while it coasts.
 
+use crate::designs::{body_channel, oscillator};
+use crate::{isotropic, zone};
 use allocation_counter::measure;
-use nalgebra::{DMatrix, Matrix3, UnitQuaternion, Vector3};
+use nalgebra::{UnitQuaternion, Vector3};
 use observer::*;
 
 fn channel(inertia: f64, solver: Solver) -> ChannelDesign {
-    ChannelDesign {
-        kernel: Kernel::SobolevMatern { dimension: 3, order: 3 },
-        length_scale: LengthScale::Isotropic(1.0),
-        centers: Centers::lattice([-1.0; 3], [1.0; 3], [5; 3]).unwrap(),
-        nugget: 0.0,
-        solver,
-        inertia: Matrix3::identity() * inertia,
-        gain_per_s: 10.0,
-        adaptation_rate: Matrix3::identity() * 10.0,
-        dead_zone: DeadZone::new(DeadZoneShape::Saturated, 1e-3, 1e-3).unwrap(),
-        bounds: DisturbanceBounds::default(),
-        hold_s: 0.0075,
-        coast_step_s: 0.005,
-    }
+    let [inertia, rate] = [inertia, 10.0].map(isotropic);
+    let centers = Centers::lattice([-1.0; 3], [1.0; 3], [5; 3]).unwrap();
+    ChannelDesign { centers, solver, ..body_channel(inertia, rate, zone(DeadZoneShape::Saturated, 1e-3)) }
 }
 
 #[test]
@@ -84,25 +75,7 @@ fn exercise(observer: &mut RigidBodyObserver) {
 
 #[test]
 fn the_observer_of_a_linear_plant_allocates_nothing_in_its_steps() {
-    let matrix = |rows: usize, entries: &[f64]| DMatrix::from_row_slice(rows, entries.len() / rows, entries);
-    let mut observer = LinearObserver::new(&LinearDesign {
-        a: matrix(2, &[0.0, 1.0, -3.0, -0.2]),
-        b: matrix(2, &[0.0, 0.5]),
-        c: matrix(1, &[2.0, 1.0]),
-        gain: matrix(2, &[1.0, 8.0]),
-        kernel: Kernel::SobolevMatern { dimension: 1, order: 2 },
-        length_scale: LengthScale::Isotropic(1.0),
-        centers: Centers::lattice([-3.0], [3.0], [13]).unwrap(),
-        nugget: 0.0,
-        solver: Solver::Dense,
-        adaptation_rate: matrix(1, &[50.0]),
-        dead_zone: DeadZone::new(DeadZoneShape::Saturated, 1e-4, 1e-4).unwrap(),
-        bounds: DisturbanceBounds::default(),
-        hold_s: 0.0075,
-        coast_step_s: 0.005,
-        initial_state: None,
-    })
-    .unwrap();
+    let mut observer = LinearObserver::new(&oscillator()).unwrap();
     let steps = measure(|| {
         for j in 0..2000_u64 {
             let output = LinearOutput::from_fn(|i, _| if i == 0 { (j as f64 * 0.01).sin() } else { 0.0 });

@@ -56,8 +56,12 @@ pub(crate) fn header() -> String {
     let source = Path::new(env!("CARGO_MANIFEST_DIR")).join("src/lib.rs");
     library.with_src(source).generate().unwrap().write(&mut bytes);
     let text = String::from_utf8(bytes).unwrap().replace("OBSERVER_RESULT_", "OBSERVER_");
-    // What Rust's compiler asks to be said of safety, the texts say.
-    in_c(&text).replace(" * # Safety\n", " * Condition:\n")
+    // What Rust's compiler asks to be said of safety, the texts say. Comments begin and end as those of the tables.
+    let text = in_c(&text).replace(" * # Safety\n", " * Condition:\n");
+    ["", "  "].iter().fold(text, |text, indent| {
+        text.replace(&format!("{indent}/**\n{indent} * "), &format!("{indent}/** "))
+            .replace(&format!("\n{indent} */\n"), " */\n")
+    })
 }
 
 const HEAD: &str = r#"

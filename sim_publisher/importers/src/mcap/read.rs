@@ -5,8 +5,8 @@
 //! names are the same. A file without an end, of a recorder that was killed, is read as far as it goes.
 
 use crate::collector::Collector;
-use crate::error::ImportError;
-use crate::flight::{RecordedFlight, SkipReason};
+use crate::error::{ImportError, Imported};
+use crate::flight::SkipReason;
 use crate::importer::ImportOptions;
 use crate::table::{self, CsvMap, TimeUnit};
 use mcap::read::ChannelAccumulator;
@@ -29,11 +29,7 @@ const MAX_RECORD_BYTES: usize = 1 << 26;
 ///
 /// # Errors
 /// `Content` where the file is none, or has no such topic or field; `Map`; `Option`; `NoUsableRow`.
-pub(super) fn parse(
-    bytes: &[u8],
-    name: &str,
-    options: &ImportOptions,
-) -> Result<RecordedFlight, ImportError> {
+pub(super) fn parse(bytes: &[u8], name: &str, options: &ImportOptions) -> Imported {
     let ImportOptions { columns, topic, .. } = options;
     match *columns == CsvMap::default() {
         true => recording(bytes, name, topic.as_deref()),
@@ -46,7 +42,7 @@ pub(super) fn parse(
 }
 
 fn wrong(name: &str, found: String) -> ImportError {
-    ImportError::Content { path: name.into(), found }
+    ImportError::Content(name.into(), found)
 }
 
 /// Gives each message and its number to `take`; returns where and why the file ends early, if it does.
@@ -54,7 +50,7 @@ fn each(
     bytes: &[u8],
     name: &str,
     mut take: impl FnMut(u64, &Message<'_>),
-) -> Result<Option<(u64, String)>, ImportError> {
+) -> Imported<Option<(u64, String)>> {
     // Without a limit and a look at the check sums first, lengths of garbage overflow in the reader (mcap 0.26.0).
     let options = LinearReaderOptions::default()
         .with_record_length_limit(bytes.len().max(MAX_RECORD_BYTES))
@@ -111,7 +107,7 @@ fn each(
 ///
 /// # Errors
 /// `Content` where it is none.
-pub(super) fn topics(bytes: &[u8], name: &str) -> Result<Vec<String>, ImportError> {
+pub(super) fn topics(bytes: &[u8], name: &str) -> Imported<Vec<String>> {
     let mut topics: BTreeMap<(String, String), usize> = BTreeMap::new();
     each(bytes, name, |_, message| {
         let schema = message.channel.schema.as_ref().map_or("", |schema| &schema.name);
@@ -133,7 +129,7 @@ fn descriptor(channel: &Channel<'_>) -> Option<MessageDescriptor> {
     DescriptorPool::from_file_descriptor_set(files).ok()?.get_message_by_name(&schema.name)
 }
 
-fn recording(bytes: &[u8], name: &str, topic: Option<&str>) -> Result<RecordedFlight, ImportError> {
+fn recording(bytes: &[u8], name: &str, topic: Option<&str>) -> Imported {
     let (mut others, mut unreadable) = (BTreeSet::new(), None);
     let mut descriptors: BTreeMap<u16, Option<MessageDescriptor>> = BTreeMap::new();
     let mut flights: BTreeMap<String, Flight> = BTreeMap::new();
@@ -246,7 +242,7 @@ struct Place<'a> {
 }
 
 /// A flight from numbers of any channels: a table, with a row for each instant at which one was logged.
-fn channels(bytes: &[u8], name: &str, map: &CsvMap) -> Result<RecordedFlight, ImportError> {
+fn channels(bytes: &[u8], name: &str, map: &CsvMap) -> Imported {
     if map.time_s.is_some() || map.time.is_some() || map.separator.is_some() {
         return Err(ImportError::Option(
             "time and separator are for --format csv; an MCAP file has its own time".into(),

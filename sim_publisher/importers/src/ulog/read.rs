@@ -13,8 +13,8 @@
 //! Each message is a sample at its own `timestamp_sample` with its own fields; messages of one instant are one sample.
 
 use crate::collector::Collector;
-use crate::error::ImportError;
-use crate::flight::{Place, RecordedFlight, SkipReason};
+use crate::error::{ImportError, Imported};
+use crate::flight::{Place, SkipReason};
 use crate::importer::ImportOptions;
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 use px4_ulog::stream_parser::{DataMessage, LogParser, model::DropoutMessage};
@@ -235,11 +235,7 @@ fn remarks(
     remarks
 }
 
-pub(super) fn parse(
-    bytes: &[u8],
-    path: &str,
-    options: &ImportOptions,
-) -> Result<RecordedFlight, ImportError> {
+pub(super) fn parse(bytes: &[u8], path: &str, options: &ImportOptions) -> Imported {
     let (mut events, contents) = read(bytes);
     if events.is_empty() {
         let found = match contents.topics.is_empty() {
@@ -252,7 +248,7 @@ pub(super) fn parse(
                 contents.topics.into_keys().collect::<Vec<_>>().join(", ")
             ),
         };
-        return Err(ImportError::Content { path: path.into(), found });
+        return Err(ImportError::Content(path.into(), found));
     }
     let has_setpoints = events.iter().any(|(_, event)| matches!(event, Event::Thrust(_)));
     events = events.into_iter().flat_map(|(us, event)| commanded(us, event, has_setpoints)).collect();

@@ -1,6 +1,6 @@
 use super::*;
+use crate::designs::Random;
 use crate::function::dense::DenseFunction;
-use crate::function::learned::tests::Numbers;
 use nalgebra::Vector3;
 
 const MATERN: fn(usize) -> Kernel =
@@ -54,7 +54,7 @@ fn what_a_truncated_kernel_drops_is_within_the_estimate() {
     let options = LocalSolver { truncation: 1e-3, ..block_of(6) };
     let (mut dense, mut local) = both(MATERN(3), &length_scale, &[9; 3], options);
     assert!(local.geometry.reach > 8.0 && local.geometry.reach < 12.0, "{}", local.geometry.reach);
-    let mut numbers = Numbers(11);
+    let mut numbers = Random(11);
     for _ in 0..200 {
         let y = numbers.point(1.9, 3);
         let increment = Vector3::from_fn(|_, _| numbers.next().abs());

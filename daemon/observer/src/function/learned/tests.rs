@@ -1,21 +1,7 @@
 use super::*;
+use crate::designs::Random;
 use crate::function::solver::LocalSolver;
 use nalgebra::Vector3;
-
-/// Numbers without a pattern, the same in every run.
-pub(crate) struct Numbers(pub(crate) u64);
-
-impl Numbers {
-    /// From −1 to 1.
-    pub(crate) fn next(&mut self) -> f64 {
-        self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        (self.0 >> 11) as f64 / (1_u64 << 52) as f64 - 1.0
-    }
-
-    pub(crate) fn point(&mut self, half: f64, m: usize) -> Vec<f64> {
-        (0..m).map(|_| half * self.next()).collect()
-    }
-}
 
 fn matern(dimension: usize) -> Kernel {
     Kernel::SobolevMatern { dimension, order: dimension.div_ceil(2) + 1 }
@@ -40,7 +26,7 @@ fn lattice(per_axis: &[usize]) -> Centers {
 }
 
 /// Where the outputs of a history come from: anywhere, along a path, or around one place.
-fn output(kind: usize, j: usize, m: usize, numbers: &mut Numbers) -> Vec<f64> {
+fn output(kind: usize, j: usize, m: usize, numbers: &mut Random) -> Vec<f64> {
     match kind {
         0 => numbers.point(2.0, m),
         1 => (0..m).map(|axis| 1.95 * (0.011 * (j * (axis + 2)) as f64 + axis as f64).sin()).collect(),
@@ -85,7 +71,7 @@ fn errors_stay_below_their_estimates(n_histories: usize, seed: u64) {
         (matern(1), LengthScale::Isotropic(0.3), lattice(&[60]), 4, 2e-2),
         (Kernel::WendlandC2, wendland(60, 5.0), lattice(&[60]), 6, 5e-3),
     ];
-    let mut numbers = Numbers(seed);
+    let mut numbers = Random(seed);
     for (kernel, length_scale, centers, points, largest_rms) in cases {
         let m = centers.dimension();
         let mut dense = function(kernel, &length_scale, &centers, Solver::Dense);
@@ -148,7 +134,7 @@ fn errors_stay_below_their_estimates(n_histories: usize, seed: u64) {
 }
 
 fn learn_something(f: &mut LearnedFunction<3>, m: usize, n_updates: usize, seed: u64) {
-    let mut numbers = Numbers(seed);
+    let mut numbers = Random(seed);
     for j in 0..n_updates {
         let y = output(1, j, m, &mut numbers);
         f.hold(&y);
@@ -197,7 +183,7 @@ fn a_pending_increment_counts_as_a_learned_one() {
 fn a_checkpoint_comes_back_to_the_bit_and_what_is_forgotten_is_gone() {
     for (m, mut f, _) in one_of_each_kind() {
         let bits = |f: &mut LearnedFunction<3>| {
-            let mut numbers = Numbers(9);
+            let mut numbers = Random(9);
             let at: Vec<_> = (0..50).map(|_| f.at(&numbers.point(2.0, m), &Vector3::zeros()).value).collect();
             format!("{at:?} {}", f.native_norm())
         };

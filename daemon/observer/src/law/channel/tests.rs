@@ -1,29 +1,17 @@
 use super::*;
-use crate::design::DisturbanceBounds;
+use crate::designs::body_channel;
 use crate::error::Parameter;
 use crate::function::solver::{LocalSolver, Solver};
 use crate::law::dead_zone::{DeadZone, DeadZoneShape};
 use crate::law::stability::{StepLimit, largest_learning_rate};
 use crate::space::centers::Centers;
-use crate::space::kernel::Kernel;
 use crate::space::scaled_kernel::LengthScale;
 use nalgebra::{DMatrix, DVector, Matrix3};
 
 fn design() -> ChannelDesign {
-    ChannelDesign {
-        kernel: Kernel::SobolevMatern { dimension: 3, order: 3 },
-        length_scale: LengthScale::Isotropic(1.0),
-        centers: Centers::lattice([-1.0; 3], [1.0; 3], [3; 3]).unwrap(),
-        nugget: 0.0,
-        solver: Solver::Dense,
-        inertia: Matrix3::new(4.0, 0.5, 0.0, 0.5, 3.0, 0.2, 0.0, 0.2, 5.0),
-        gain_per_s: 10.0,
-        adaptation_rate: Matrix3::new(80.0, 5.0, 0.0, 5.0, 120.0, 0.0, 0.0, 0.0, 100.0),
-        dead_zone: DeadZone::new(DeadZoneShape::Saturated, 0.01, 0.01).unwrap(),
-        bounds: DisturbanceBounds::default(),
-        hold_s: 0.0075,
-        coast_step_s: 0.005,
-    }
+    let inertia = Matrix3::new(4.0, 0.5, 0.0, 0.5, 3.0, 0.2, 0.0, 0.2, 5.0);
+    let rate = Matrix3::new(80.0, 5.0, 0.0, 5.0, 120.0, 0.0, 0.0, 0.0, 100.0);
+    body_channel(inertia, rate, DeadZone::new(DeadZoneShape::Saturated, 0.01, 0.01).unwrap())
 }
 
 /// A path through the centers' box, with errors on both sides of the dead zone.
@@ -210,18 +198,10 @@ fn unlimited_channel(
 ) -> BodyChannel {
     let dead_zone = DeadZone::new(DeadZoneShape::Step, 0.0, 1.0).unwrap();
     let design = ChannelDesign {
-        kernel: Kernel::SobolevMatern { dimension: 3, order: 3 },
-        length_scale: LengthScale::Isotropic(1.0),
-        centers: Centers::lattice([-1.0; 3], [1.0; 3], [3; 3]).unwrap(),
-        nugget: 0.0,
-        solver: Solver::Dense,
-        inertia,
         gain_per_s,
-        adaptation_rate: 1e-6 * rate,
-        dead_zone,
-        bounds: DisturbanceBounds::default(),
         hold_s: h_s,
         coast_step_s: h_s,
+        ..body_channel(inertia, 1e-6 * rate, dead_zone)
     };
     let BodyChannel { law, plant, at } = BodyChannel::new(&design).unwrap();
     let power = law.function().space().power_function_at(HELD.as_slice());

@@ -1,26 +1,16 @@
 use super::*;
 use crate::design::{DisturbanceBounds, GyroscopicTorque};
-use crate::function::solver::Solver;
+use crate::designs::body_channel;
 use crate::law::dead_zone::DeadZone;
 use crate::report::findings::Verdict;
 use crate::space::centers::Centers;
-use crate::space::kernel::Kernel;
-use crate::space::scaled_kernel::LengthScale;
 
 fn paper(inertia: Matrix3<f64>, box_half: f64, zone: (DeadZoneShape, f64), noise: f64) -> ChannelDesign {
+    let dead_zone = DeadZone::new(zone.0, zone.1, 0.01).unwrap();
     ChannelDesign {
-        kernel: Kernel::SobolevMatern { dimension: 3, order: 3 },
-        length_scale: LengthScale::Isotropic(1.0),
         centers: Centers::lattice([-box_half; 3], [box_half; 3], [3; 3]).unwrap(),
-        nugget: 0.0,
-        solver: Solver::Dense,
-        inertia,
-        gain_per_s: 10.0,
-        adaptation_rate: Matrix3::identity(),
-        dead_zone: DeadZone::new(zone.0, zone.1, 0.01).unwrap(),
         bounds: DisturbanceBounds { noise, ..DisturbanceBounds::default() },
-        hold_s: 0.0075,
-        coast_step_s: 0.005,
+        ..body_channel(inertia, Matrix3::identity(), dead_zone)
     }
 }
 

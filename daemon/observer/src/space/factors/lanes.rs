@@ -58,7 +58,6 @@ impl VectorUnit {
         Self(Arch::Scalar)
     }
 
-    /// Runs a loop on it.
     #[inline(always)]
     pub(crate) fn run<L: VectorLoop>(self, vector_loop: L) -> L::Output {
         self.0.dispatch(WithUnit(vector_loop))
