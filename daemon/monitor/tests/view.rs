@@ -387,7 +387,7 @@ fn a_picture_that_stands_still_tells_the_verdict_of_now() {
     assert_shows(&text, &["PAUSED, p goes on; now: DO NOT FLY ON THIS"]);
 }
 
-/// Prints what is drawn, to be looked at: `cargo test -p monitor --test view -- --ignored --nocapture`.
+/// Prints what is drawn, to be looked at: `cargo test -p monitor view::look -- --ignored --nocapture`.
 #[test]
 #[ignore = "to be looked at"]
 fn look() {
