@@ -8,7 +8,6 @@ use shared_types::payload::PAYLOADS;
 use shared_types::table::Kind;
 use shared_types::{Domain, service};
 use std::fs;
-use std::io::Write as _;
 use std::path::Path;
 use std::process::Command;
 use venv::{environment, pip_install, said};
@@ -76,17 +75,12 @@ fn facts() -> Value {
     })
 }
 
-/// Past the test's capture, so that a skipped test is not taken for a passed one.
-fn skip(reason: &str) {
-    let _ = writeln!(std::io::stderr(), "skipped: the Python client against a live service: {reason}");
-}
-
 #[test]
 fn the_python_client_works_with_a_live_service() {
     // Where this can be installed, what the package needs can be, too.
     let python = match environment("python-client", &["flit_core>=3.4,<5"]) {
         Ok(python) => python,
-        Err(reason) => return skip(&reason),
+        Err(reason) => return testkit::skip("the Python client against a live service", &reason),
     };
     pip_install(&python, &["--no-build-isolation", &format!("{PACKAGE}[test]")]).unwrap();
     let facts_file = tempfile::NamedTempFile::new().unwrap();
