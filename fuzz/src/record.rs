@@ -37,12 +37,12 @@ pub(crate) fn run(bytes: &[u8]) {
     if let Some((frames, torn)) = read_all(bytes) {
         assert!(frames > 0 || torn > 0 || bytes.is_empty() || bytes.chunks(16).all(|chunk| chunk == MARK));
     }
-    // As the frames of a session, each of a length that its first byte tells, with sums that fit.
+    // As the frames of a session, each of a length that the two bytes before it tell, with sums that fit.
     let mut record = SESSION.with(|session| (**session).clone());
     let mut rest = bytes;
     let mut n = 1;
-    while let Some((&length, behind)) = rest.split_first() {
-        let (body, behind) = behind.split_at(usize::from(length).min(behind.len()));
+    while let Some((length, behind)) = rest.split_first_chunk() {
+        let (body, behind) = behind.split_at(usize::from(u16::from_le_bytes(*length)).min(behind.len()));
         record.extend(framed(body));
         rest = behind;
         n += 1;
