@@ -44,6 +44,8 @@ Examples:
     Step(step::StepArguments),
     /// A round trip through the service beside one through bare shared memory, and both one-way times.
     #[command(after_help = "\
+Needs two cores: the service polls on one, its client on the other.
+
 Examples:
   bench ipc
   # At the pace of a vehicle instead of back to back
@@ -52,6 +54,8 @@ Examples:
     Ipc(ipc::IpcArguments),
     /// A sample's stamp to the estimate in the reader's hands, by trigger and rate.
     #[command(after_help = "\
+Needs two cores: the service polls on one, its client on the other.
+
 Examples:
   bench service
   bench service --rates-hz 500 --triggers sample --plot service.svg")]
@@ -65,6 +69,8 @@ Examples:
     Jitter(jitter::JitterArguments),
     /// What further readers of one service, and further vehicles on one machine, cost.
     #[command(after_help = "\
+Needs two cores: the service polls on one, its client on the other.
+
 Examples:
   bench load
   bench load --instances 1,2 --readers 1,16 --json")]

@@ -87,7 +87,7 @@ fn recorded_flight() -> Option<PathBuf> {
     let found = std::fs::read_dir(&folder).into_iter().flatten().flatten().map(|entry| entry.path());
     let found = found.filter(|path| path.extension().is_some_and(|e| e == "log")).min();
     if found.is_none() {
-        println!("skipped: no recorded flight in {}", folder.display());
+        testkit::skip("the recorded flight", &format!("no .log in {}", folder.display()));
     }
     found
 }

@@ -33,7 +33,10 @@ fn assert_machine(document: &Value) {
 fn has_two_cores() -> bool {
     let two = std::thread::available_parallelism().is_ok_and(|cores| cores.get() > 1);
     if !two {
-        println!("skipped: two sides that poll need a core each");
+        testkit::skip(
+            "bench ipc, service and load",
+            "found one core, needed two: each side of an exchange polls",
+        );
     }
     two
 }
@@ -64,6 +67,22 @@ fn a_round_trip_is_shown_as_a_table_too_and_wrong_options_are_refused() {
         let table = bench(&["ipc", "--samples", "20", "--pause-us", "50"]).ok();
         assert!(table.contains("bare: round trip"), "{table}");
     }
+    // A process may use the cores that the thread that starts it may use.
+    let on_one_core = || {
+        let mut one = rustix::thread::CpuSet::new();
+        one.set(rustix::thread::sched_getcpu());
+        rustix::thread::sched_setaffinity(None, &one).unwrap();
+        for command in ["ipc", "service", "load"] {
+            let refused = bench(&[command, "--json"]);
+            assert_eq!((refused.code, refused.out.as_str()), (Some(1), ""), "{command}");
+            assert!(
+                refused.log.contains("found 1 core") && refused.log.contains("needed two"),
+                "{}",
+                refused.log
+            );
+        }
+    };
+    std::thread::scope(|scope| scope.spawn(on_one_core).join().unwrap());
     let code = |arguments: &[&str]| bench(arguments).code;
     assert_eq!(code(&["ipc", "--samples", "0"]), Some(2));
     assert_eq!(code(&["jitter", "--priority", "100"]), Some(2));

@@ -480,7 +480,7 @@ fn an_open_handle_makes_no_system_call() {
     let Ended { code, out, log } = Ended::of(&mut program.command(&domain, &[]));
     assert_eq!(code, Some(0), "{log}");
     if out.starts_with("skipped") {
-        testkit::skip("the C client", &out);
+        testkit::skip("the C client", out.trim_start_matches("skipped").trim_matches([':', ' ', '\n']));
         return;
     }
     assert_eq!(out, "no system call\n", "{log}");

@@ -7,6 +7,7 @@ use daemon::config::ConfigFile;
 use daemon::cycle::{Cycle, LoopRings};
 use daemon::deadline::WakeUp;
 use daemon::engine::Engine;
+use daemon::limits::MAX_SAMPLES_PER_TICK;
 use daemon::ports::LoopPorts;
 use daemon::snapshot::{Snapshot, saver};
 use daemon::threads::recorder::{recorder, session};
@@ -34,7 +35,8 @@ fn ticks_of_a_service_allocate_nothing(preset: &str) {
     let (snapshots, saver) = saver(Some(path.clone()), "vehicle", &file.config, (engine.n_learned(), false));
     let (saver, handle) = saver.unwrap();
     let session = session(&file.config, "vehicle", None);
-    let (ring, recorder, recorded) = recorder(&files.path().join("flight"), &session, 1000.0, 256).unwrap();
+    let (ring, recorder, recorded) =
+        recorder(&files.path().join("flight"), &session, 1000.0, MAX_SAMPLES_PER_TICK).unwrap();
     let stop = Arc::new(AtomicBool::new(false));
     let (until, also_until) = (Arc::clone(&stop), Arc::clone(&stop));
     let writers = [

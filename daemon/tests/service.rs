@@ -204,6 +204,36 @@ fn every_sample_has_its_estimate_where_samples_are_trigger_and_clock() {
     wait_until("all to be counted", || domain.status().counters.samples_accepted == 250);
 }
 
+/// The oldest estimates are dropped for a reader whose queue is full; the service and the other readers go on.
+#[test]
+fn a_reader_that_does_not_read_holds_nothing_up() {
+    let domain = TestDomain::new();
+    let daemon = Daemon::start(&domain, &["--rate-hz", "1000"]);
+    let client = domain.client();
+    let mut idle = client.estimate_subscriber().unwrap();
+    let mut reading = client.estimate_subscriber().unwrap();
+    let first = reading.wait_next(PATIENCE).unwrap().sequence;
+    let mut newest = first;
+    while newest < first + 2 * service::ESTIMATE_BUFFER as u64 {
+        let next = reading.wait_next(PATIENCE).unwrap().sequence;
+        assert!(next > newest, "{next} after {newest}");
+        newest = next;
+    }
+    // A command is answered as well.
+    assert!(domain.status().counters.ticks > newest - first);
+
+    let mut kept = Vec::new();
+    while let Some(estimate) = idle.take().unwrap() {
+        kept.push(estimate.sequence);
+    }
+    assert!(kept.windows(2).all(|pair| pair[1] > pair[0]), "{kept:?}");
+    assert!(kept.len() >= service::ESTIMATE_BUFFER, "{} kept", kept.len());
+    assert!(kept[0] > first && *kept.last().unwrap() >= newest, "{first} … {newest}; kept {kept:?}");
+    drop((idle, reading, client));
+    assert_eq!(daemon.stop().0, Some(0));
+    domain.assert_clean();
+}
+
 #[test]
 fn without_a_daemon_a_client_says_how_to_start_it() {
     let domain = TestDomain::new();

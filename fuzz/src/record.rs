@@ -36,12 +36,12 @@ pub(crate) fn run(bytes: &[u8]) {
     if let Some((frames, torn)) = read_all(bytes) {
         assert!(frames > 0 || torn > 0 || bytes.is_empty() || bytes.chunks(16).all(|chunk| chunk == MARK));
     }
-    // As the frames of a session: the first byte of each is its length, and the check sums are correct.
+    // As the frames of a session: the two bytes before each are its length, and the check sums are correct.
     let mut record = SESSION.with(|session| (**session).clone());
     let mut rest = bytes;
     let mut n = 1;
-    while let Some((&length, behind)) = rest.split_first() {
-        let (body, behind) = behind.split_at(usize::from(length).min(behind.len()));
+    while let Some((length, behind)) = rest.split_first_chunk() {
+        let (body, behind) = behind.split_at(usize::from(u16::from_le_bytes(*length)).min(behind.len()));
         record.extend(framed(body));
         rest = behind;
         n += 1;

@@ -52,7 +52,8 @@ impl Machine {
     pub(crate) fn other_core(&self) -> anyhow::Result<usize> {
         self.other_cores.last().copied().with_context(|| {
             format!(
-                "two sides that poll need a core each, and this process may use {} (taskset -p)",
+                "found {} core that this process may use, needed two: both sides of an exchange poll (taskset -p tells \
+                 which it may use)",
                 self.cores
             )
         })

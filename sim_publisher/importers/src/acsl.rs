@@ -298,7 +298,7 @@ mod tests {
     fn recorded() -> Option<PathBuf> {
         let folder = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data/acsl");
         let Ok(entries) = std::fs::read_dir(&folder) else {
-            println!("skipped: no recorded flights in {}", folder.display());
+            testkit::skip("the recorded flight", &format!("no folder {}", folder.display()));
             return None;
         };
         entries.flatten().map(|entry| entry.path()).find(|path| path.extension().is_some_and(|e| e == "log"))

@@ -427,7 +427,7 @@ mod tests {
     fn a_real_log_is_read_as_pyulog_reads_it() {
         let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../../../shared/data/ulog/sample_px4_events.ulg");
         let Ok(bytes) = std::fs::read(path) else {
-            println!("skipped: {path} is not here (PX4/pyulog has it in test/)");
+            testkit::skip("the recorded ULog", &format!("{path} is not here (PX4/pyulog has it in test/)"));
             return;
         };
         let options = ImportOptions { thrust_n: Some(1.0), ..ImportOptions::default() };
