@@ -12,6 +12,7 @@ use crate::system::real_time::allowed_cores;
 use crate::system::settings::{self, OffTheLoop, Outcome};
 use crate::threads::housekeeping::{Housekeeping, HousekeepingRings};
 use crate::threads::recorder::{self, RecorderRing};
+use crate::threads::snapshot_writer;
 use shared_types::domain::InstanceClaim;
 use shared_types::service::{ServiceError, check_instance_name};
 use shared_types::{Domain, DomainError, Status};
@@ -144,7 +145,7 @@ impl Service {
             None => Default::default(),
         };
         let (snapshots, saver) =
-            snapshot::saver(snapshot, instance, &config, (engine.n_learned(), files.is_fresh));
+            snapshot_writer::saver(snapshot, instance, &config, (engine.n_learned(), files.is_fresh));
         let mut recorder_ring = RecorderRing::none();
         let mut recorder = None;
         let mut record_progress = None;
