@@ -13,6 +13,7 @@ use crate::system::settings::{self, OffTheLoop, Outcome};
 use crate::threads::housekeeping::{Housekeeping, HousekeepingRings};
 use crate::threads::recorder::{self, RecorderRing};
 use crate::threads::snapshot_writer;
+use flight_record::{OtherVersion, VERSION};
 use shared_types::domain::InstanceClaim;
 use shared_types::service::{ServiceError, check_instance_name};
 use shared_types::{Domain, DomainError, Status};
@@ -49,6 +50,16 @@ pub enum StartError {
         /// The system's reason.
         cause: std::io::Error,
     },
+    /// The flight record exists, in another version of the layout.
+    #[error(
+        "flight record '{path}' has version {found}, this program appends to version {VERSION}; needed: another --record FILE"
+    )]
+    RecordVersion {
+        /// The file.
+        path: String,
+        /// Its version's digit.
+        found: char,
+    },
     /// A thread could not be started, or ended at once.
     #[error("the {0} thread did not start")]
     Thread(&'static str),
@@ -66,11 +77,21 @@ impl From<DomainError> for StartError {
 }
 
 impl StartError {
+    /// The record at `path` cannot be appended to.
+    fn record(path: &Path, cause: std::io::Error) -> Self {
+        let path = path.display().to_string();
+        match OtherVersion::in_error(&cause) {
+            Some(OtherVersion { found }) => Self::RecordVersion { path, found },
+            None => Self::Record { path, cause },
+        }
+    }
+
     /// Whether the command line or the configuration is wrong, and not the machine.
     pub fn is_wrong_usage(&self) -> bool {
         matches!(
             self,
             Self::Config(_)
+                | Self::RecordVersion { .. }
                 | Self::Snapshot(SnapshotError::OtherDesign { .. } | SnapshotError::OtherVersion { .. })
                 | Self::Ports(PortsError::Service(ServiceError::InstanceName(_)))
         )
@@ -153,7 +174,7 @@ impl Service {
             let session = recorder::session(&config, instance, checkpoint.as_ref());
             let (ring, writer, progress) =
                 recorder::recorder(path, &session, config.rate_hz, crate::limits::MAX_SAMPLES_PER_TICK)
-                    .map_err(|cause| StartError::Record { path: path.display().to_string(), cause })?;
+                    .map_err(|cause| StartError::record(path, cause))?;
             recorder_ring = ring;
             (recorder, record_progress) = (Some(writer), Some(progress));
         }
