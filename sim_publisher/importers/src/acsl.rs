@@ -60,6 +60,10 @@ impl Importer for Acsl {
         "log"
     }
 
+    fn tells_airborne_by(&self) -> Option<&'static str> {
+        Some("thrust above 5 N")
+    }
+
     fn import(&self, bytes: &[u8], file: &str, _: &ImportOptions) -> Result<RecordedFlight, ImportError> {
         parse(bytes, file)
     }

@@ -20,6 +20,11 @@ pub trait Importer: std::fmt::Debug + Sync {
         &[]
     }
 
+    /// How its files tell when the vehicle was in the air, in a few words; `None` where they do not.
+    fn tells_airborne_by(&self) -> Option<&'static str> {
+        None
+    }
+
     /// Whether its reader was built; see [`Importer::import`].
     fn is_built_in(&self) -> bool {
         true

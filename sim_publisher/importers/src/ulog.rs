@@ -24,6 +24,10 @@ impl Importer for Ulog {
         "ulg"
     }
 
+    fn tells_airborne_by(&self) -> Option<&'static str> {
+        Some("its land detection")
+    }
+
     fn reads(&self) -> &'static [ImportOption] {
         &[ImportOption::Scales]
     }
