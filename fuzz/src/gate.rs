@@ -1,4 +1,4 @@
-//! Any samples, from any sources, at any times: each is accepted or rejected, and what is accepted can be believed.
+//! Any samples, from any sources, at any times: each is accepted or rejected, and what is accepted is finite and within its limits.
 
 use crate::bytes::Bytes;
 use daemon::config::{InputConfig, SourcePolicy};
