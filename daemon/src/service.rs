@@ -42,7 +42,7 @@ pub enum StartError {
     Snapshot(#[from] SnapshotError),
     /// The flight record cannot be written.
     #[error(
-        "flight record '{path}': {cause}; needed: a file that can be written, in a directory that is there"
+        "flight record '{path}': {cause}; needed: --record with a new file or a record, in a directory that is there and can be written to"
     )]
     Record {
         /// The file.
