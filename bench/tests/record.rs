@@ -173,9 +173,23 @@ fn only_a_record_is_appended_to() {
     std::fs::write(&other, "rate_hz = 200.0\n").unwrap();
     let pipe = files.path().join("pipe");
     assert!(std::process::Command::new("mkfifo").arg(&pipe).status().unwrap().success());
-    for (path, reason) in [(&other, "no flight record"), (&pipe, "No such device")] {
+    let older = files.path().join("older.rec");
+    std::fs::write(&older, b"\xff\xff\xff\xffflight-rec1\nand what only that version knows").unwrap();
+    for (path, code, reason) in [
+        (&other, 1, "no flight record"),
+        (&pipe, 1, "No such device"),
+        (&older, 2, "has version 1, this program appends to version 2; needed: another --record FILE"),
+    ] {
         let ended = BENCH.start(&domain, &["daemon", "run", "--record", path.to_str().unwrap()]).finish();
-        assert!(ended.code == Some(1) && ended.log.contains(reason), "{ended:?}");
+        assert!(ended.code == Some(code) && ended.log.contains(reason), "{ended:?}");
+        assert!(ended.log.matches("needed").count() <= 1, "{ended:?}");
+    }
+    // Nor is it read: with its name, and one remedy.
+    let older = older.to_str().unwrap();
+    for arguments in [vec!["replay", older], vec!["replay", "--check", older], vec!["tune", older]] {
+        let ended = bench(&arguments);
+        assert!(ended.code != Some(0) && ended.log.contains("a flight record of version 1"), "{ended:?}");
+        assert!(ended.log.contains(older) && ended.log.matches("needed").count() == 1, "{ended:?}");
     }
     assert_eq!(std::fs::read(&other).unwrap(), b"rate_hz = 200.0\n");
 }

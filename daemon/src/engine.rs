@@ -268,10 +268,18 @@ impl Engine {
                 self.n_forgotten += 1;
                 self.save();
             }
-            LoopCommand::Freeze => self.frozen = true,
-            LoopCommand::Thaw => self.frozen = false,
+            LoopCommand::Freeze => self.set_frozen(true),
+            LoopCommand::Thaw => self.set_frozen(false),
         }
         self.counters.commands += 1;
+    }
+
+    /// In the checkpoint, too: a service that goes on from it does as the operator said last.
+    fn set_frozen(&mut self, frozen: bool) {
+        self.frozen = frozen;
+        if let Some(saved) = &mut self.saved {
+            saved.frozen = frozen;
+        }
     }
 
     /// Whether a checkpoint is due now, between two ticks: the newest estimate was well within its limits.
@@ -576,6 +584,23 @@ mod tests {
         let mut learned = vec![f64::NAN; other.n_learned()];
         other.read_saved(0, &mut learned);
         assert!(learned.iter().all(|number| *number == 0.0), "it is forgotten in the checkpoint, too");
+    }
+
+    #[test]
+    fn the_checkpoint_is_frozen_as_the_newest_command_says() {
+        let mut engine = engine(|_| {});
+        for (commands, frozen) in [
+            ([LoopCommand::Reset, LoopCommand::Freeze], true),
+            ([LoopCommand::Freeze, LoopCommand::Reset], true),
+            ([LoopCommand::Freeze, LoopCommand::Thaw], false),
+        ] {
+            commands.into_iter().for_each(|command| engine.carry_out(command));
+            let state = engine.saved_state();
+            assert_eq!(state.map(|state| state.frozen), Some(frozen), "{commands:?}");
+            let mut other = engine.clone();
+            other.load(&Checkpoint { learned: vec![0.0; engine.n_learned()], state }).unwrap();
+            assert_eq!(other.frozen(), frozen);
+        }
     }
 
     #[test]

@@ -394,6 +394,32 @@ mod tests {
         }
     }
 
+    /// The order that [`Rejection`] promises.
+    #[test]
+    fn of_several_reasons_the_first_one_counts() {
+        let mut gate = gate(SourcePolicy::First);
+        assert_accepted(judge(&mut gate, &sample(9)), 0, true);
+        // Each sample has all faults that follow its own, too.
+        let old = Measurement { stamp_ns: NOW_NS, ..sample(9) };
+        let tilted = old.with_attitude_wxyz([2.0, 0.0, 0.0, 0.0]);
+        let tilted_then_strong = tilted.with_force_n([2e5, 0.0, 0.0]);
+        let fast = tilted_then_strong.with_velocity_m_s([200.0, 0.0, 0.0]);
+        let not_finite = fast.with_torque_n_m([f64::NAN; 3]);
+        let malformed = Measurement { velocity_frame: 7, ..not_finite };
+        let later_ns = NOW_NS + 3_600_000_000_000;
+        for (measurement, source, now_ns, reason) in [
+            (malformed, 2, later_ns, Rejection::Malformed),
+            (not_finite, 2, later_ns, Rejection::NotFinite),
+            (fast, 2, later_ns, Rejection::BeyondLimits),
+            (tilted_then_strong, 2, later_ns, Rejection::QuaternionNorm),
+            (old, 2, later_ns, Rejection::TooOld),
+            (old, 2, sample(9).stamp_ns, Rejection::OtherSource),
+            (old, 1, sample(9).stamp_ns, Rejection::OlderStamp),
+        ] {
+            assert_eq!(gate.judge(&measurement, source, now_ns), Err(reason));
+        }
+    }
+
     #[test]
     fn a_sensor_that_repeats_one_value_is_stuck() {
         let limits = InputConfig { stuck_after_samples: 5, ..InputConfig::default() };

@@ -3,6 +3,7 @@
 use crate::assemble;
 use crate::config::{ConfigError, ConfigFile};
 use crate::engine::Engine;
+use crate::snapshot::decode_checkpoint;
 use flight_record::{Entry, Frame, Reader, Session};
 use serde::Serialize;
 use shared_types::payload::Estimate;
@@ -25,9 +26,16 @@ pub enum ReplayError {
         /// What is wrong with it.
         cause: ConfigError,
     },
-    /// The checkpoint that a session was resumed from does not fit its configuration.
-    #[error("the session began with {0}")]
-    Checkpoint(String),
+    /// The checkpoint that a session was resumed from is of another version, damaged, or does not fit its configuration.
+    #[error(
+        "recorded by version {program_version}: its session began with a checkpoint that cannot be used: {cause}"
+    )]
+    Checkpoint {
+        /// Version of the program that wrote it.
+        program_version: String,
+        /// What was found, and what is needed.
+        cause: String,
+    },
 }
 
 /// Where a replay first differs.
@@ -117,9 +125,12 @@ impl Replay {
         let file = config_of(session).map_err(config_error)?;
         let mut engine = Engine::new(&file.config, assemble::estimator(&file).map_err(config_error)?);
         if let Some(bytes) = &session.checkpoint {
-            let unreadable = |_| ReplayError::Checkpoint("a checkpoint of another program version".into());
-            let checkpoint = postcard::from_bytes(bytes).map_err(unreadable)?;
-            engine.load(&checkpoint).map_err(ReplayError::Checkpoint)?;
+            let refused = |cause: String| ReplayError::Checkpoint {
+                program_version: session.program_version.clone(),
+                cause,
+            };
+            let checkpoint = decode_checkpoint(bytes).map_err(|error| refused(error.to_string()))?;
+            engine.load(&checkpoint).map_err(refused)?;
         }
         let report = SessionReport {
             instance: session.instance.clone(),
@@ -210,6 +221,35 @@ fn leaves(value: &serde_json::Value, path: String, found: &mut Vec<(String, Stri
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::engine::Checkpoint;
+    use crate::snapshot::encode_checkpoint;
+
+    /// A session that begins with these bytes as its checkpoint.
+    fn begun_with(checkpoint: &[u8]) -> Result<Replay, ReplayError> {
+        let config = ConfigFile::preset("paper-translation").unwrap().config;
+        let checkpoint = Some(checkpoint.to_vec());
+        Replay::of(&Session { checkpoint, ..crate::threads::recorder::session(&config, "vehicle", None) })
+    }
+
+    #[test]
+    fn a_checkpoint_of_another_version_or_length_is_refused() {
+        let file = ConfigFile::preset("paper-translation").unwrap();
+        let engine = Engine::new(&file.config, assemble::estimator(&file).unwrap());
+        let checkpoint = Checkpoint { learned: vec![1.0; engine.n_learned()], state: engine.saved_state() };
+        let bytes = encode_checkpoint(&checkpoint);
+        assert!(begun_with(&bytes).is_ok());
+        let refused = |bytes: &[u8]| begun_with(bytes).err().unwrap().to_string();
+        let mut other = bytes.clone();
+        other[0] = 1;
+        let sentence = refused(&other);
+        assert!(sentence.contains("version 1; this program reads version 2"), "{sentence}");
+        assert!(refused(&[&bytes[..], &[0]].concat()).contains("1 bytes too many"));
+        for length in [0, 3, 4, bytes.len() - 1] {
+            refused(&bytes[..length]);
+        }
+        let less = Checkpoint { learned: vec![1.0; 2], ..checkpoint };
+        assert!(refused(&encode_checkpoint(&less)).contains("2 learned numbers; needed"));
+    }
 
     #[test]
     fn the_first_field_that_differs_is_named() {

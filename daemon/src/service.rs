@@ -12,6 +12,8 @@ use crate::system::real_time::allowed_cores;
 use crate::system::settings::{self, OffTheLoop, Outcome};
 use crate::threads::housekeeping::{Housekeeping, HousekeepingRings};
 use crate::threads::recorder::{self, RecorderRing};
+use crate::threads::snapshot_writer;
+use flight_record::{OtherVersion, VERSION};
 use shared_types::domain::InstanceClaim;
 use shared_types::service::{ServiceError, check_instance_name};
 use shared_types::{Domain, DomainError, Status};
@@ -40,13 +42,23 @@ pub enum StartError {
     Snapshot(#[from] SnapshotError),
     /// The flight record cannot be written.
     #[error(
-        "flight record '{path}': {cause}; needed: a file that can be written, in a directory that is there"
+        "flight record '{path}': {cause}; needed: --record with a new file or a record, in a directory that is there and can be written to"
     )]
     Record {
         /// The file.
         path: String,
         /// The system's reason.
         cause: std::io::Error,
+    },
+    /// The flight record exists, in another version of the layout.
+    #[error(
+        "flight record '{path}' has version {found}, this program appends to version {VERSION}; needed: another --record FILE"
+    )]
+    RecordVersion {
+        /// The file.
+        path: String,
+        /// Its version's digit.
+        found: char,
     },
     /// A thread could not be started, or ended at once.
     #[error("the {0} thread did not start")]
@@ -65,11 +77,21 @@ impl From<DomainError> for StartError {
 }
 
 impl StartError {
+    /// The record at `path` cannot be appended to.
+    fn record(path: &Path, cause: std::io::Error) -> Self {
+        let path = path.display().to_string();
+        match OtherVersion::in_error(&cause) {
+            Some(OtherVersion { found }) => Self::RecordVersion { path, found },
+            None => Self::Record { path, cause },
+        }
+    }
+
     /// Whether the command line or the configuration is at fault, not the machine.
     pub fn is_wrong_usage(&self) -> bool {
         matches!(
             self,
             Self::Config(_)
+                | Self::RecordVersion { .. }
                 | Self::Snapshot(SnapshotError::OtherDesign(..) | SnapshotError::OtherVersion(..))
                 | Self::Ports(PortsError::Service(ServiceError::InstanceName(_)))
         )
@@ -144,7 +166,7 @@ impl Service {
             None => Default::default(),
         };
         let (snapshots, saver) =
-            snapshot::saver(snapshot, instance, &config, (engine.n_learned(), files.is_fresh));
+            snapshot_writer::saver(snapshot, instance, &config, (engine.n_learned(), files.is_fresh));
         let mut recorder_ring = RecorderRing::none();
         let mut recorder = None;
         let mut record_progress = None;
@@ -152,7 +174,7 @@ impl Service {
             let session = recorder::session(&config, instance, checkpoint.as_ref());
             let (ring, writer, progress) =
                 recorder::recorder(path, &session, config.rate_hz, crate::limits::MAX_SAMPLES_PER_TICK)
-                    .map_err(|cause| StartError::Record { path: path.display().to_string(), cause })?;
+                    .map_err(|cause| StartError::record(path, cause))?;
             recorder_ring = ring;
             (recorder, record_progress) = (Some(writer), Some(progress));
         }

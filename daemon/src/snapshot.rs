@@ -1,12 +1,11 @@
 //! Snapshots: what was learned and the state, in a file, so that a restarted service continues from there.
 //!
 //! ```text
-//! loop:   checkpoint ──a part per tick──▶ ring ──▶ saver thread: NAME.snapshot.new, sync, rename, sync ──▶ NAME.snapshot
-//! start:  NAME.snapshot ──checks: sum, version, meaning──▶ engine
+//! while it runs: engine ──▶ saver thread (`threads::snapshot_writer`) ──.new, sync, rename, sync──▶ NAME.snapshot
+//! at the start:  NAME.snapshot ──checks: sum, version, meaning──▶ engine
 //! ```
 //!
-//! A kill at any instant leaves either the previous file or the new one, complete. The loop never waits: the engine's
-//! checkpoint is read in parts, in the slack after publication.
+//! A kill at any instant leaves either the previous file or the new one, complete.
 //!
 //! | bytes | what |
 //! |---|---|
@@ -19,6 +18,7 @@ use crate::config::{Clock, Config};
 use crate::engine::{Checkpoint, Engine, EngineState};
 use crate::log::say;
 use rustix::fs::{FlockOperation, OFlags, flock};
+use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use shared_types::clock::monotonic_ns;
 use shared_types::payload::restored;
@@ -26,18 +26,11 @@ use std::fs::{self, File, OpenOptions};
 use std::io::{self, Read, Write};
 use std::os::unix::fs::{DirBuilderExt, MetadataExt, OpenOptionsExt};
 use std::path::{Path, PathBuf};
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
-use std::sync::{Arc, mpsc};
-use std::time::{Duration, Instant, SystemTime};
+use std::time::SystemTime;
 
 const MAGIC: &[u8; 8] = b"obs-snap";
-const VERSION: u32 = 2;
-/// The loop hands over this many numbers a tick: a few microseconds of copying.
-const NUMBERS_PER_TICK: usize = 8192;
-/// After this time, and twice the time that reading a copy takes, a loop that has handed over no copy does not tick, or has
-/// no good checkpoint.
-const LOOP_PATIENCE: Duration = Duration::from_secs(5);
-const LOOK_EVERY: Duration = Duration::from_millis(5);
+/// Version of the format: of the file, and of a checkpoint's bytes in a flight record.
+pub const VERSION: u32 = 2;
 
 /// What was learned and when, and the configuration on which its meaning depends.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -57,7 +50,6 @@ pub struct Snapshot {
     /// The keys of the configuration that give the learned numbers their meaning, with their values.
     pub meaning: Vec<(String, String)>,
     /// What was learned, and the state.
-    #[serde(rename = "kept")]
     pub checkpoint: Checkpoint,
 }
 
@@ -87,13 +79,13 @@ pub enum SnapshotError {
     OtherDesign(String, String),
 }
 
-/// Why bytes are no snapshot of this version.
+/// Why bytes are no snapshot, or checkpoint, of this version.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum DecodeError {
     /// Another version of the format.
     #[error("version {0}; this program reads version {VERSION}")]
     OtherVersion(u32),
-    /// No snapshot, or not a whole one.
+    /// None, or not a whole one.
     #[error("{0}")]
     Damaged(String),
 }
@@ -133,11 +125,7 @@ impl Snapshot {
         if crc32fast::hash(body) != u32::from_le_bytes(*sum) {
             return Err(format!("the checksum of its {} bytes does not fit", body.len()).into());
         }
-        match postcard::take_from_bytes(body) {
-            Ok((snapshot, [])) => Ok(snapshot),
-            Ok((_, rest)) => Err(format!("{} bytes too many", rest.len()).into()),
-            Err(error) => Err(error.to_string().into()),
-        }
+        all_of(body)
     }
 
     /// Reads a file.
@@ -188,6 +176,33 @@ impl Snapshot {
             .filter(|(_, then, now)| then != now)
             .map(|(key, then, now)| format!("{key} was {} and is {}", cut(&then), cut(&now)))
             .collect()
+    }
+}
+
+/// A checkpoint as bytes of its own, for a flight record: the version, little-endian, then postcard.
+pub fn encode_checkpoint(checkpoint: &Checkpoint) -> Vec<u8> {
+    postcard::to_extend(checkpoint, VERSION.to_le_bytes().to_vec()).expect("numbers")
+}
+
+/// Reads the bytes of [`encode_checkpoint`].
+///
+/// # Errors
+/// What is wrong with them: another version, damaged.
+pub fn decode_checkpoint(bytes: &[u8]) -> Result<Checkpoint, DecodeError> {
+    let (version, body) =
+        bytes.split_first_chunk::<4>().ok_or_else(|| "it ends in its version".to_owned())?;
+    match u32::from_le_bytes(*version) {
+        VERSION => all_of(body),
+        other => Err(DecodeError::OtherVersion(other)),
+    }
+}
+
+/// What these bytes hold, with none left over.
+fn all_of<T: DeserializeOwned>(body: &[u8]) -> Result<T, DecodeError> {
+    match postcard::take_from_bytes(body) {
+        Ok((content, [])) => Ok(content),
+        Ok((_, rest)) => Err(format!("{} bytes too many", rest.len()).into()),
+        Err(error) => Err(error.to_string().into()),
     }
 }
 
@@ -248,7 +263,8 @@ impl SnapshotLock {
     }
 }
 
-fn with_suffix(path: &Path, suffix: &str) -> PathBuf {
+/// The path with this at its end.
+pub(crate) fn with_suffix(path: &Path, suffix: &str) -> PathBuf {
     let mut name = path.as_os_str().to_owned();
     name.push(suffix);
     name.into()
@@ -358,251 +374,7 @@ pub fn take_over(
     Ok((Some(checkpoint), kind))
 }
 
-fn unix_s() -> u64 {
+/// Since 1970 (s).
+pub(crate) fn unix_s() -> u64 {
     SystemTime::UNIX_EPOCH.elapsed().map_or(0, |elapsed| elapsed.as_secs())
-}
-
-/// A checkpoint on its way from the loop to the saver thread.
-#[derive(Debug, Clone, Default)]
-struct Copied {
-    learned: Vec<f64>,
-    state: Option<EngineState>,
-    stamp_ns: u64,
-    samples_accepted: u64,
-    /// As [`Engine::n_forgotten`].
-    n_forgotten: u64,
-}
-
-/// The loop's end. It receives an empty copy as a request, fills it in parts and hands it over. Nothing is allocated.
-pub struct SnapshotRing {
-    requests: rtrb::Consumer<Copied>,
-    filled: rtrb::Producer<Copied>,
-    /// The copy that is being filled, and how far.
-    filling: Option<(Copied, usize)>,
-}
-
-impl SnapshotRing {
-    /// Takes a request, if there is one: a checkpoint is to be saved now and read from then on.
-    pub fn take_request(&mut self) -> bool {
-        self.filling = self.requests.pop().ok().map(|copy| (copy, 0));
-        self.filling.is_some()
-    }
-
-    /// Whether a copy is being read.
-    pub fn is_reading(&self) -> bool {
-        self.filling.is_some()
-    }
-
-    /// Reads again from the start: the copy is another one.
-    pub fn start_over(&mut self) {
-        if let Some((_, done)) = &mut self.filling {
-            *done = 0;
-        }
-    }
-
-    /// Reads the next part of the copy; hands it over when that was the last.
-    pub fn read_a_part(&mut self, engine: &Engine) {
-        let Some((copy, done)) = &mut self.filling else { return };
-        let end = (*done + NUMBERS_PER_TICK).min(copy.learned.len());
-        engine.read_saved(*done, &mut copy.learned[*done..end]);
-        *done = end;
-        if end < copy.learned.len() {
-            return;
-        }
-        if let Some((copy, _)) = self.filling.take() {
-            self.hand_over(copy, engine);
-        }
-    }
-
-    /// Reads the whole copy at once, after the last tick.
-    pub fn read_at_once(&mut self, engine: &Engine) {
-        self.filling = None;
-        let mut copy = Copied { learned: vec![0.0; engine.n_learned()], ..Copied::default() };
-        engine.read_saved(0, &mut copy.learned);
-        self.hand_over(copy, engine);
-    }
-
-    fn hand_over(&mut self, mut copy: Copied, engine: &Engine) {
-        copy.state = engine.saved_state();
-        copy.stamp_ns = monotonic_ns();
-        copy.samples_accepted = engine.counters().samples_accepted;
-        copy.n_forgotten = engine.n_forgotten();
-        // There is room for every copy that is on its way.
-        let _ = self.filled.push(copy);
-    }
-}
-
-/// What the saver thread has done, for the status.
-#[derive(Debug, Default)]
-pub struct SaverProgress {
-    /// Snapshots written.
-    pub saved: AtomicU64,
-    /// Snapshots that could not be written.
-    pub failed: AtomicU64,
-    /// CLOCK_MONOTONIC of the newest one (ns).
-    pub stamp_ns: AtomicU64,
-}
-
-/// An operator's request for a snapshot, and the channel for the answer.
-pub type SaveRequest = mpsc::SyncSender<Result<String, String>>;
-
-/// The saver thread's end.
-pub struct Saver {
-    path: PathBuf,
-    instance: String,
-    meaning: Vec<(String, String)>,
-    save_every: Option<Duration>,
-    patience: Duration,
-    /// If this differs from the copy's, something was forgotten since: the file on disk is kept as `.old`.
-    n_forgotten: Option<u64>,
-    has_set_aside: bool,
-    requests: rtrb::Producer<Copied>,
-    filled: rtrb::Consumer<Copied>,
-    /// The copy that is not on its way.
-    blank: Option<Copied>,
-    save_requests: mpsc::Receiver<SaveRequest>,
-    progress: Arc<SaverProgress>,
-}
-
-/// The interface to the saver thread.
-#[derive(Debug, Clone)]
-pub struct SaverHandle {
-    /// For requests to save a snapshot now.
-    pub save_requests: mpsc::Sender<SaveRequest>,
-    /// What it has done.
-    pub progress: Arc<SaverProgress>,
-}
-
-/// Makes both ends; without a path no request is ever sent.
-pub fn saver(
-    path: Option<PathBuf>,
-    instance: &str,
-    config: &Config,
-    (n_learned, is_fresh): (usize, bool),
-) -> (SnapshotRing, Option<(Saver, SaverHandle)>) {
-    let (ask, asked) = rtrb::RingBuffer::new(1);
-    let (fill, filled) = rtrb::RingBuffer::new(2);
-    let ring = SnapshotRing { requests: asked, filled: fill, filling: None };
-    let saver = path.map(|path| {
-        let (send, save_requests) = mpsc::channel();
-        let progress = Arc::<SaverProgress>::default();
-        let every_s = config.snapshot.save_every_s;
-        let saver = Saver {
-            path,
-            instance: instance.into(),
-            meaning: meaning(config),
-            save_every: (every_s > 0.0).then(|| Duration::from_secs_f64(every_s)),
-            patience: LOOP_PATIENCE
-                + Duration::from_secs_f64(2.0 * (n_learned / NUMBERS_PER_TICK) as f64 / config.rate_hz),
-            n_forgotten: (!is_fresh).then_some(0),
-            has_set_aside: false,
-            requests: ask,
-            filled,
-            blank: Some(Copied { learned: vec![0.0; n_learned], ..Copied::default() }),
-            save_requests,
-            progress: Arc::clone(&progress),
-        };
-        (saver, SaverHandle { save_requests: send, progress })
-    });
-    (ring, saver)
-}
-
-impl Saver {
-    /// Saves when it is time, on request, and, after `stop`, what the loop handed over last.
-    pub fn run(mut self, stop: &AtomicBool) {
-        let mut last = Instant::now();
-        while !stop.load(Ordering::Acquire) {
-            let request = self.save_requests.recv_timeout(LOOK_EVERY).ok();
-            let is_time = self.save_every.is_some_and(|every| last.elapsed() >= every);
-            if request.is_none() && !is_time {
-                continue;
-            }
-            last = Instant::now();
-            let done = self.save(stop);
-            if let Some(request) = request {
-                // The requester may have stopped waiting.
-                let _ = request.send(done);
-            }
-        }
-        while let Ok(copy) = self.filled.pop() {
-            let _ = self.write(copy);
-        }
-    }
-
-    /// Requests a copy from the loop and writes it.
-    fn save(&mut self, stop: &AtomicBool) -> Result<String, String> {
-        // A copy that arrived after its request had timed out is outdated.
-        while let Ok(copy) = self.filled.pop() {
-            self.blank = Some(copy);
-        }
-        if let Some(blank) = self.blank.take() {
-            // The ring has room for the only one.
-            let _ = self.requests.push(blank);
-        }
-        let deadline = Instant::now() + self.patience;
-        while Instant::now() < deadline && !stop.load(Ordering::Acquire) {
-            if let Ok(copy) = self.filled.pop() {
-                return self.write(copy);
-            }
-            std::thread::sleep(LOOK_EVERY);
-        }
-        Err("the loop handed nothing over: it does not tick, or its state is not within half of the limits"
-            .into())
-    }
-
-    fn write(&mut self, copy: Copied) -> Result<String, String> {
-        let Copied { learned, state, stamp_ns, samples_accepted, n_forgotten } = copy;
-        let snapshot = Snapshot {
-            program_version: env!("CARGO_PKG_VERSION").into(),
-            instance: self.instance.clone(),
-            made_unix_s: unix_s(),
-            boot_id: boot_id(),
-            stamp_ns,
-            samples_accepted,
-            meaning: self.meaning.clone(),
-            checkpoint: Checkpoint { learned, state },
-        };
-        let written = self.set_aside(n_forgotten).and_then(|()| snapshot.write(&self.path));
-        self.blank = Some(Copied { learned: snapshot.checkpoint.learned, ..Copied::default() });
-        match written {
-            Ok(()) => {
-                self.progress.saved.fetch_add(1, Ordering::Relaxed);
-                self.progress.stamp_ns.store(stamp_ns, Ordering::Relaxed);
-                Ok(format!("saved to '{}'", self.path.display()))
-            }
-            Err(error) => {
-                let reason = format!("'{}' cannot be written: {error}", self.path.display());
-                self.note_failure(&reason);
-                Err(reason)
-            }
-        }
-    }
-
-    /// Keeps the existing file under another name, because it holds what was forgotten since.
-    fn set_aside(&mut self, n_forgotten: u64) -> io::Result<()> {
-        if self.n_forgotten == Some(n_forgotten) {
-            return Ok(());
-        }
-        // Only once per start: what is forgotten later was learned since then, not in an earlier flight.
-        if !self.has_set_aside && self.path.try_exists()? {
-            let old = with_suffix(&self.path, ".old");
-            let old =
-                if old.try_exists()? { with_suffix(&self.path, &format!(".old-{}", unix_s())) } else { old };
-            fs::rename(&self.path, &old)?;
-            say!("what was learned before is kept in '{}'", old.display());
-            self.has_set_aside = true;
-        }
-        self.n_forgotten = Some(n_forgotten);
-        Ok(())
-    }
-
-    fn note_failure(&self, reason: &str) {
-        let failed = self.progress.failed.fetch_add(1, Ordering::Relaxed) + 1;
-        // Logs the first failure and then each power of ten, so that a full disk does not flood the log.
-        if failed.checked_ilog10() > (failed - 1).checked_ilog10() {
-            say!(
-                "warning: no snapshot ({failed} times): {reason}; what is learned since lives as long as the service"
-            );
-        }
-    }
 }

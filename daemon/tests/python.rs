@@ -39,7 +39,7 @@ fn facts() -> Value {
             "name": table.name,
             "type_name": table.type_name,
             "size": table.bytes,
-            "alignment": if table.name == "Command" { 4 } else { 8 },
+            "alignment": table.align,
             "fields": fields.collect::<Vec<_>>(),
         })
     });

@@ -174,7 +174,7 @@ fn a_restart_goes_on_with_what_was_learned_and_with_the_state() {
     );
     let Ended { code, out, .. } = show(&[path.to_str().unwrap(), "--json"]);
     let document: serde_json::Value = serde_json::from_str(&out).unwrap();
-    assert!(code == Some(0) && document["kept"]["learned"].as_array().unwrap().len() > 100, "{out}");
+    assert!(code == Some(0) && document["checkpoint"]["learned"].as_array().unwrap().len() > 100, "{out}");
     assert_eq!(document["instance"], "vehicle");
 
     // After a kill the service resumes what was saved last.

@@ -4,7 +4,7 @@
 use daemon::assemble;
 use daemon::config::ConfigFile;
 use daemon::engine::Engine;
-use daemon::snapshot::Snapshot;
+use daemon::snapshot::{self, Snapshot};
 use std::cell::LazyCell;
 
 thread_local! {
@@ -18,8 +18,8 @@ thread_local! {
 pub(crate) fn run(bytes: &[u8]) {
     let _ = Snapshot::decode(bytes);
     // With a sum that fits, what is behind it is reached.
-    let whole =
-        [b"obs-snap", 2_u32.to_le_bytes().as_slice(), &crc32fast::hash(bytes).to_le_bytes(), bytes].concat();
+    let version = snapshot::VERSION.to_le_bytes();
+    let whole = [b"obs-snap", version.as_slice(), &crc32fast::hash(bytes).to_le_bytes(), bytes].concat();
     match Snapshot::decode(&whole) {
         Err(error) => assert!(!error.to_string().is_empty()),
         Ok(snapshot) => START.with(|start| {

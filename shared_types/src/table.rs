@@ -190,6 +190,8 @@ pub struct Table {
     pub doc: &'static str,
     /// Size of the whole.
     pub bytes: usize,
+    /// Its alignment (bytes).
+    pub align: usize,
     /// The rows.
     pub fields: &'static [Field],
 }
@@ -357,6 +359,7 @@ macro_rules! payload {
                 type_name: $type_name,
                 doc: concat!($($doc),+),
                 bytes: size_of::<$name>(),
+                align: align_of::<$name>(),
                 #[allow(clippy::needless_update)] // a row may give all columns
                 fields: &[$($crate::table::Field {
                     $($($column: $value,)+)?

@@ -71,8 +71,9 @@ impl FlightArguments {
 /// The configuration with which the record's first session was flown.
 fn configuration_of_record(path: &Path) -> anyhow::Result<ConfigFile> {
     let name = path.display();
-    let mut reader = Reader::open(path).with_context(|| format!("cannot read '{name}'"))?;
-    while let Some(frame) = reader.next_frame()? {
+    let cannot_read = || format!("cannot read '{name}'");
+    let mut reader = Reader::open(path).with_context(cannot_read)?;
+    while let Some(frame) = reader.next_frame().with_context(cannot_read)? {
         if let Frame::Session(session) = frame {
             return Ok(config_of(&session)?);
         }

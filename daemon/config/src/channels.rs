@@ -153,8 +153,9 @@ macro_rules! channel {
             /// output, with an error estimate in every estimate; "auto" by the number of centers. Or a table of
             /// options.
             ///
-            /// "auto" takes "dense" up to some 2000 centers; `daemon check` says which one you get, its error and its
-            /// memory.
+            /// "auto" takes "dense" up to 2000 centers of a lattice and "local" beyond. Listed centers have no local
+            /// solver: "auto" takes "dense" up to 3000 of them, and more need solver = "dense". `daemon check` says
+            /// which one you get, its error and its memory.
             #[serde(default)]
             pub solver: SolverConfig,
             /// Shape of the dead zone σ: "saturated", "quadratic" (the paper's, corrected) or "step" (Theorem 1;

@@ -53,7 +53,7 @@ pub struct Session {
     pub config: String,
     /// The vector unit that the bits depend on.
     pub vector_unit: String,
-    /// The checkpoint that the engine was resumed from, in the engine's own bytes; `None` for a fresh start.
+    /// The checkpoint that the engine was resumed from, in the engine's own bytes, version first; `None` for a fresh start.
     pub checkpoint: Option<Vec<u8>>,
 }
 

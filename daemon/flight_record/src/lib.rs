@@ -27,6 +27,6 @@ mod reader;
 mod writer;
 
 pub use frame::{Entry, Frame, LoopCommand, Session};
-pub use mark::{MARK, VERSION};
+pub use mark::{MARK, OtherVersion, VERSION};
 pub use reader::Reader;
 pub use writer::Writer;

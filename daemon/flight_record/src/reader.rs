@@ -43,7 +43,7 @@ impl<R: Read + Seek> Reader<R> {
     /// The next whole frame; `None` at the end.
     ///
     /// # Errors
-    /// The system's reason, or the record is of another version.
+    /// The system's reason, or the file begins as a record of another version ([`crate::OtherVersion`]).
     pub fn next_frame(&mut self) -> io::Result<Option<Frame>> {
         loop {
             let mut header = Vec::with_capacity(MARK.len());
@@ -57,7 +57,10 @@ impl<R: Read + Seek> Reader<R> {
                     self.position += MARK.len() as u64;
                     continue;
                 }
-                check_version(&header)?;
+                // A file is of one version: another digit further on is damage, which costs one session.
+                if self.position == 0 {
+                    check_version(&header)?;
+                }
             } else if let Some(frame) = self.frame(&header)? {
                 return Ok(Some(frame));
             }
@@ -114,7 +117,7 @@ impl<R: Read + Seek> Reader<R> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{Entry, LoopCommand, Session, Writer};
+    use crate::{Entry, LoopCommand, OtherVersion, Session, Writer};
     use shared_types::Measurement;
     use std::io::Cursor;
 
@@ -191,15 +194,33 @@ mod tests {
         assert_eq!(least, 0);
     }
 
+    /// Each byte of the second of three sessions, changed to another digit where it is one, too.
     #[test]
-    fn a_damaged_byte_is_noticed() {
+    fn a_damaged_byte_costs_the_rest_of_its_session_and_no_more() {
         let whole = record();
         let (frames, _) = read(&whole);
-        for place in 0..whole.len() {
-            let mut damaged = whole.clone();
-            damaged[place] ^= 0x10;
+        for (place, bit) in (0..whole.len()).flat_map(|place| [(place, 0x01), (place, 0x10)]) {
+            let mut damaged = whole.repeat(3);
+            damaged[whole.len() + place] ^= bit;
             let (found, torn_bytes) = read(&damaged);
-            // A session frame is found without its mark, too.
+            let n = frames.len();
+            assert!((2 * n..3 * n).contains(&found.len()) && torn_bytes > 0, "{place}: {}", found.len());
+        }
+    }
+
+    #[test]
+    fn a_damaged_byte_of_the_first_session_is_noticed() {
+        let whole = record();
+        let (frames, _) = read(&whole);
+        for (place, bit) in (0..whole.len()).flat_map(|place| [(place, 0x01), (place, 0x10)]) {
+            let mut damaged = whole.clone();
+            damaged[place] ^= bit;
+            if (place, bit) == (14, 0x01) {
+                // The version's digit is another digit: that record cannot be told from one of another version.
+                Reader::new(Cursor::new(damaged)).next_frame().unwrap_err();
+                continue;
+            }
+            let (found, torn_bytes) = read(&damaged);
             assert!(found.len() < frames.len() && torn_bytes > 0, "{place}: {}", found.len());
         }
     }
@@ -208,12 +229,14 @@ mod tests {
     fn a_record_of_another_version_is_refused_by_reader_and_writer() {
         let mut older = record();
         older[14] = b'1';
-        let read = Reader::new(Cursor::new(&older)).next_frame().unwrap_err().to_string();
+        let read = Reader::new(Cursor::new(&older)).next_frame().unwrap_err();
         let directory = tempfile::tempdir().unwrap();
         let path = directory.path().join("flight.rec");
         std::fs::write(&path, &older).unwrap();
-        let written = Writer::append(&path, &session()).unwrap_err().to_string();
-        for sentence in [read, written] {
+        let written = Writer::append(&path, &session()).unwrap_err();
+        for error in [read, written] {
+            assert_eq!(OtherVersion::in_error(&error), Some(OtherVersion { found: '1' }));
+            let sentence = error.to_string();
             assert!(sentence.contains("of version 1; needed: version 2"), "{sentence}");
         }
         assert_eq!(std::fs::read(&path).unwrap(), older);

@@ -80,7 +80,7 @@ fn open_to_append(path: &Path) -> io::Result<File> {
     File::open(path)?.take(MARK.len() as u64).read_to_end(&mut start)?;
     check_version(&start)?;
     if !start.is_empty() && !MARK.starts_with(&start) {
-        return Err(io::Error::other("it is no flight record, and would be spoiled; needed: another name"));
+        return Err(io::Error::other("it is no flight record, and would be spoiled"));
     }
     match flock(&file, FlockOperation::NonBlockingLockExclusive) {
         Err(rustix::io::Errno::WOULDBLOCK) => Err(io::Error::other("another service writes it")),

@@ -27,8 +27,7 @@ const MAX_HOLDS_REJECTED: u64 = 10;
 const MAX_PERIODS_REJECTED: u64 = 4;
 
 /// What happens to an outlier.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub enum OutlierAction {
     /// Nothing: every output is accepted, as in the paper.
     #[default]

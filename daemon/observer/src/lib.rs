@@ -106,7 +106,7 @@ pub use design::{ChannelDesign, DisturbanceBounds, GyroscopicTorque, RotationDes
 pub use error::{DesignError, Parameter};
 pub use function::evaluation::Evaluation;
 pub use function::learned::LearnedFunction;
-pub use function::solver::{DENSE_UP_TO, LocalSolver, Solver, SolverInUse};
+pub use function::solver::{DENSE_UP_TO, DENSE_UP_TO_LISTED, LocalSolver, Solver, SolverInUse};
 pub use innovation_gate::{InnovationGate, OutlierAction};
 pub use joint_channel::{JointChannel, JointChannelDesign, JointEstimate, JointSample};
 pub use law::channel::{Ahead, BodyChannel, Channel};

@@ -2,3 +2,4 @@
 
 pub mod housekeeping;
 pub mod recorder;
+pub mod snapshot_writer;

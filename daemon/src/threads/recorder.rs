@@ -10,6 +10,7 @@
 use crate::config::Config;
 use crate::engine::Checkpoint;
 use crate::log::say;
+use crate::snapshot::encode_checkpoint;
 use flight_record::{Entry, Session, Writer};
 use std::io;
 use std::path::Path;
@@ -32,7 +33,7 @@ pub fn session(config: &Config, instance: &str, checkpoint: Option<&Checkpoint>)
         instance: instance.into(),
         config: toml::to_string(config).expect("a configuration is a TOML document"),
         vector_unit: observer::vector_unit().into(),
-        checkpoint: checkpoint.map(|checkpoint| postcard::to_allocvec(checkpoint).expect("numbers")),
+        checkpoint: checkpoint.map(encode_checkpoint),
     }
 }
 

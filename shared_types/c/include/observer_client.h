@@ -220,7 +220,7 @@ typedef struct {
   /** Outputs that were outliers against the running scale of their errors, and were held back from adaptation
    * or from correction too: of translation, rotation, linear plant. */
   uint64_t outputs_held_back[3];
-  /** Outputs that repeated the previous one to the bit, for longer than a living sensor does; likewise. */
+  /** Outputs that repeated the previous one to the bit, for longer than a working sensor does; likewise. */
   uint64_t outputs_stuck[3];
   uint64_t ticks_coasting; /**< Ticks on which a channel coasted. */
   uint64_t ticks_clamped; /**< Ticks on which the dead zone's output was clamped to the stability bound. */

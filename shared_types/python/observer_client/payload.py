@@ -260,7 +260,7 @@ class Counters(Structure):
     # Outputs that were outliers against the running scale of their errors, and were held back from adaptation
     # or from correction too: of translation, rotation, linear plant.
     outputs_held_back: u64x3
-    # Outputs that repeated the previous one to the bit, for longer than a living sensor does; likewise.
+    # Outputs that repeated the previous one to the bit, for longer than a working sensor does; likewise.
     outputs_stuck: u64x3
     ticks_coasting: u64  # Ticks on which a channel coasted.
     ticks_clamped: u64  # Ticks on which the dead zone's output was clamped to the stability bound.

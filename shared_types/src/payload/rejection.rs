@@ -6,6 +6,10 @@ macro_rules! rejections {
     ($($(#[doc = $doc:literal])+ $name:ident = $key:literal, $words:literal;)+) => {
         /// Why a sample was rejected; the value is its index in [`Counters::samples_rejected`].
         ///
+        /// Where several reasons hold, one is counted: the first of `Overload`; `Malformed`; `NotFinite` in any field;
+        /// `BeyondLimits` and `QuaternionNorm`, field by field in the order of the message; `FarFuture` and `TooOld`
+        /// against the clock; `OtherSource`; the stamp and then the sequence against the newest accepted sample.
+        ///
         /// [`Counters::samples_rejected`]: crate::payload::Counters::samples_rejected
         #[derive(Debug, Clone, Copy, PartialEq, Eq)]
         #[repr(C)]

@@ -22,7 +22,7 @@ payload! {
         /// Outputs that were outliers against the running scale of their errors, and were held back from adaptation or
         /// from correction too: of translation, rotation, linear plant.
         outputs_held_back: [u64; 3] { components: PER_CHANNEL },
-        /// Outputs that repeated the previous one to the bit, for longer than a living sensor does; likewise.
+        /// Outputs that repeated the previous one to the bit, for longer than a working sensor does; likewise.
         outputs_stuck: [u64; 3] { components: PER_CHANNEL },
         /// Ticks on which a channel coasted.
         ticks_coasting: u64,

@@ -54,6 +54,7 @@ impl Importer for Acsl {
             about: "Log of the ACSL flight stack: inertial velocity, body rates, position, attitude, thrust and torques",
             ending: "log",
             reads: &[],
+            airborne_by: Some("thrust above 5 N"),
             is_built_in: true,
         }
     }

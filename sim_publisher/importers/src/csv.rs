@@ -15,6 +15,7 @@ impl Importer for Csv {
             about: "Any table with a line of column names; which column is what, --column or --map says",
             ending: "csv",
             reads: &[ImportOption::Columns],
+            airborne_by: None,
             is_built_in: true,
         }
     }

@@ -40,6 +40,8 @@ pub struct Format {
     pub ending: &'static str,
     /// The options that it reads; others are refused.
     pub reads: &'static [ImportOption],
+    /// How its files mark when the vehicle was in the air, in a few words; `None` where they do not.
+    pub airborne_by: Option<&'static str>,
     /// Whether its reader was built; see [`Importer::import`].
     pub is_built_in: bool,
 }

@@ -18,6 +18,7 @@ impl Importer for Mcap {
             about: "Recording of monitor record, of several vehicles --topic says which; of other recordings --column says what is where",
             ending: "mcap",
             reads: &[ImportOption::Columns, ImportOption::Topic],
+            airborne_by: None,
             is_built_in: cfg!(feature = "mcap"),
         }
     }

@@ -3,8 +3,8 @@
 use crate::collector::Collector;
 use crate::error::{ImportError, Imported};
 use crate::importer::{Format, ImportOptions, Importer};
-use flight_record::{Entry, Frame, Reader};
-use std::io::Cursor;
+use flight_record::{Entry, Frame, OtherVersion, Reader};
+use std::io::{self, Cursor};
 
 /// The service's flight record.
 #[derive(Debug)]
@@ -17,6 +17,7 @@ impl Importer for Record {
             about: "Flight record of `daemon run --record FILE`",
             ending: "rec",
             reads: &[],
+            airborne_by: None,
             is_built_in: true,
         }
     }
@@ -27,14 +28,19 @@ impl Importer for Record {
 }
 
 fn parse(bytes: &[u8], path: &str) -> Imported {
+    let refused = |found: String| ImportError::Content(path.into(), found);
     let no_record = |found: String| {
         let needed = "needed: a file of `daemon run --record FILE`";
-        ImportError::Content(path.into(), format!("no flight record that can be read: {found}; {needed}"))
+        refused(format!("no flight record that can be read: {found}; {needed}"))
+    };
+    let unreadable = |error: io::Error| match OtherVersion::in_error(&error) {
+        Some(other) => refused(other.to_string()),
+        None => no_record(error.to_string()),
     };
     let mut reader = Reader::new(Cursor::new(bytes));
     let mut flight = Collector::of_recording();
     let (mut sessions, mut ticks_left_out, mut n_samples) = (0_u64, 0, 0);
-    while let Some(frame) = reader.next_frame().map_err(|error| no_record(error.to_string()))? {
+    while let Some(frame) = reader.next_frame().map_err(unreadable)? {
         match frame {
             Frame::Session(_) => sessions += 1,
             Frame::Entry(entry) => match *entry {
@@ -105,5 +111,14 @@ mod tests {
         assert_eq!((torn.samples.len(), torn.remarks.len()), (3, 1));
         let error = parse(b"time,vx\n", "flight.csv").unwrap_err().to_string();
         assert!(error.contains("no flight record") && error.contains("daemon run --record"), "{error}");
+    }
+
+    #[test]
+    fn a_record_of_another_version_is_refused_with_the_file_and_one_remedy() {
+        let mut older = record(&[]);
+        older[14] = b'1';
+        let error = parse(&older, "flight.rec").unwrap_err().to_string();
+        assert!(error.contains("flight.rec") && error.contains("of version 1"), "{error}");
+        assert_eq!(error.matches("needed").count(), 1, "{error}");
     }
 }

@@ -18,6 +18,7 @@ impl Importer for Ulog {
             about: "PX4's ULog, topics joined by time stamp; the force of a full set-point, --thrust-n or --mass-kg says",
             ending: "ulg",
             reads: &[ImportOption::Scales],
+            airborne_by: Some("its land detection"),
             is_built_in: cfg!(feature = "ulog"),
         }
     }

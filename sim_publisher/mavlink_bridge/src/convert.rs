@@ -250,7 +250,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_not_a_number_is_not_there() {
+    fn nan_fields_are_ignored() {
         let blind =
             ODOMETRY_DATA { x: f32::NAN, q: [f32::NAN; 4], yawspeed: f32::INFINITY, ..heading_east() };
         let sample = odometry(&blind).unwrap().add_to(Measurement::default());

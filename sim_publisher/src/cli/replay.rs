@@ -5,7 +5,7 @@ use super::target::{Failure, TargetArgs, publish_source, report};
 use crate::delivery::Outgoing;
 use crate::publish::Pace;
 use clap::Args;
-use importers::read_flight;
+use importers::{Importer, RecordedFlight, read_flight};
 use shared_types::logln;
 
 #[derive(Debug, Args)]
@@ -22,6 +22,22 @@ pub(super) struct ReplayArgs {
     target: TargetArgs,
 }
 
+/// The part in the air, as a flight of its own.
+fn airborne_part(
+    flight: &RecordedFlight,
+    importer: &dyn Importer,
+    file: &str,
+) -> Result<RecordedFlight, Failure> {
+    let refused = |found: String| Failure::Usage(format!("--airborne-only: {found}; leave the option out"));
+    let how = importer.format().airborne_by.ok_or_else(|| {
+        refused(format!(
+            "'{file}': format '{}' does not tell when it was in the air (acsl and ulog do)",
+            importer.format().name
+        ))
+    })?;
+    flight.airborne_only().ok_or_else(|| refused(format!("'{file}': no flight found by {how}")))
+}
+
 pub(super) fn replay(args: &ReplayArgs) -> Result<(), Failure> {
     if !(args.speed > 0.0 && args.speed <= 1000.0) {
         return Err(Failure::Usage(format!("--speed {}: needed: above 0, at most 1000", args.speed)));
@@ -31,12 +47,7 @@ pub(super) fn replay(args: &ReplayArgs) -> Result<(), Failure> {
     let file = args.flight.file.display().to_string();
     flight.findings().iter().for_each(|finding| logln!("'{file}': {finding}"));
     if args.airborne_only {
-        flight = flight.airborne_only().ok_or_else(|| {
-            Failure::Usage(format!(
-                "--airborne-only: '{file}' does not tell when it was in the air (acsl and ulog do, above 5 N \
-                 of thrust or by land detection); leave the option out"
-            ))
-        })?;
+        flight = airborne_part(&flight, importer, &file)?;
     }
     if args.speed != 1.0 {
         logln!(
@@ -59,4 +70,33 @@ pub(super) fn replay(args: &ReplayArgs) -> Result<(), Failure> {
         [("file", file.into()), ("speed", args.speed.into()), ("rows_skipped", skipped_rows.into())];
     report(&args.target, &published, details);
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A flight of one sample, in the air or not.
+    fn flight(airborne: Option<std::ops::Range<usize>>) -> RecordedFlight {
+        let text = b"time,vx,vy,vz\n0.0,1.0,2.0,3.0\n";
+        let csv = importers::by_name("csv").unwrap();
+        let flight = importers::parse_flight(csv, text, "flight.csv", &importers::ImportOptions::default());
+        RecordedFlight { airborne, ..flight.unwrap() }
+    }
+
+    #[test]
+    fn a_format_that_does_not_tell_is_told_from_a_log_in_which_nothing_flew() {
+        let part = |format: &str, airborne| {
+            airborne_part(&flight(airborne), importers::by_name(format).unwrap(), "a.log")
+        };
+        let refused = |format: &str| match part(format, None) {
+            Err(Failure::Usage(sentence)) => sentence,
+            other => panic!("{other:?}"),
+        };
+        let [csv, acsl, ulog] = ["csv", "acsl", "ulog"].map(refused);
+        assert!(csv.contains("format 'csv' does not tell"), "{csv}");
+        assert!(acsl.contains("no flight found by thrust above 5 N"), "{acsl}");
+        assert!(ulog.contains("no flight found by its land detection"), "{ulog}");
+        assert_eq!(part("acsl", Some(0..1)).unwrap().samples.len(), 1);
+    }
 }

@@ -11,7 +11,8 @@ pub enum Solver {
     /// From the lattice points around the output, with an error estimate for every evaluation: a cost that hardly
     /// grows with N. For lattices of one to three axes.
     Local(LocalSolver),
-    /// Dense up to [`DENSE_UP_TO`] centers, local beyond; dense for more than three outputs, which have no local solver.
+    /// Dense up to [`DENSE_UP_TO`] centers, local beyond. Without a local solver it is dense longer: for more than three
+    /// outputs always, for listed centers up to [`DENSE_UP_TO_LISTED`], beyond which they are refused.
     Auto(LocalSolver),
 }
 
@@ -36,6 +37,9 @@ impl Default for LocalSolver {
 
 /// Up to this many centers, `Solver::Auto` is exact.
 pub const DENSE_UP_TO: usize = 2000;
+/// Up to this many listed centers, `Solver::Auto` is exact: more of them cost so much a step that `Solver::Dense` has to
+/// be asked for.
+pub const DENSE_UP_TO_LISTED: usize = 3000;
 
 /// The chosen solver.
 #[derive(Debug, Clone, PartialEq)]
@@ -74,7 +78,9 @@ impl Solver {
             Self::Dense => None,
             Self::Local(options) => Some(options),
             Self::Auto(options) => {
-                (centers.n_centers() > DENSE_UP_TO && centers.dimension() <= 3).then_some(options)
+                let is_lattice = centers.lattice_box().is_some();
+                let dense_up_to = if is_lattice { DENSE_UP_TO } else { DENSE_UP_TO_LISTED };
+                (centers.n_centers() > dense_up_to && centers.dimension() <= 3).then_some(options)
             }
         }
     }
@@ -111,4 +117,33 @@ const SHARE_OF_NORM: [f64; 3] = [1.0, 0.25, 0.0625];
 /// `min(‖f̂‖, 2 ‖θ_layer‖ + ε ‖f̂‖)`: an estimate of the norm of f̂ around a block of m axes.
 pub(crate) fn surroundings_norm(dimension: usize, layer: f64, norm: f64) -> f64 {
     norm.min(SHARE_OF_LAYER * layer + SHARE_OF_NORM[dimension - 1] * norm)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::function::lattice::LatticeFunction;
+    use crate::space::kernel::Kernel;
+    use crate::space::scaled_kernel::LengthScale;
+
+    fn listed(n: u32) -> Centers {
+        Centers::listed((0..n).map(|j| [f64::from(j)]).collect::<Vec<_>>()).unwrap()
+    }
+
+    #[test]
+    fn auto_is_dense_where_there_is_no_local_solver_and_refuses_more_listed_centers_than_it_should() {
+        let auto = Solver::Auto(LocalSolver::default());
+        let lattice = |n: usize| Centers::lattice([0.0], [1.0], [n]).unwrap();
+        assert_eq!(auto.local(&lattice(2000)), None);
+        assert!(auto.local(&lattice(2001)).is_some());
+        assert_eq!(auto.local(&listed(2001)), None);
+        assert_eq!(auto.local(&listed(3000)), None);
+        let options = auto.local(&listed(3001)).unwrap();
+        let space = (Kernel::Gaussian, &LengthScale::Isotropic(1.0));
+        let refused =
+            LatticeFunction::<1>::zero(space, &listed(3001), 0.0, &options).unwrap_err().to_string();
+        for needed in ["3001 listed centers", "solver = \"dense\""] {
+            assert!(refused.contains(needed), "{refused}");
+        }
+    }
 }
