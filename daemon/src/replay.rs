@@ -13,7 +13,7 @@ use std::io::{Read, Seek};
 #[derive(Debug, thiserror::Error)]
 pub enum ReplayError {
     /// The file cannot be read.
-    #[error("{0}")]
+    #[error(transparent)]
     Io(#[from] std::io::Error),
     /// The file has no session.
     #[error("no session in it: it is no flight record; needed: a file of `daemon run --record FILE`")]
