@@ -73,7 +73,8 @@
 #define OBSERVER_STATUS_BITS_COASTING_LINEAR UINT64_C(0x800)
 /** The previous tick ended after its next deadline: the loop is late. */
 #define OBSERVER_STATUS_BITS_LATE UINT64_C(0x1000)
-/** The loop was late in so many ticks in a row that samples are not used: the estimate is predicted only. */
+/** The loop was late for `deadline.predict_only_after_ticks` ticks in a row: samples are not used, and the
+ * estimate is predicted only. */
 #define OBSERVER_STATUS_BITS_PREDICT_ONLY UINT64_C(0x2000)
 /** The loop was late for so long that the estimate is not to be used at all: do not fly on this. */
 #define OBSERVER_STATUS_BITS_INVALID UINT64_C(0x4000)

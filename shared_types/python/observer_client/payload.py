@@ -60,7 +60,8 @@ class status_bits:
     WAITING = 0x400  # No sample was ever accepted: the estimate is the initial state.
     COASTING_LINEAR = 0x800  # The general linear plant's channel predicts without an output.
     LATE = 0x1000  # The previous tick ended after its next deadline: the loop is late.
-    # The loop was late in so many ticks in a row that samples are not used: the estimate is predicted only.
+    # The loop was late for `deadline.predict_only_after_ticks` ticks in a row: samples are not used, and the
+    # estimate is predicted only.
     PREDICT_ONLY = 0x2000
     INVALID = 0x4000  # The loop was late for so long that the estimate is not to be used at all: do not fly on this.
     # An output that is an outlier against its recent errors was held back since the previous estimate.
