@@ -198,10 +198,10 @@ fn the_automatic_solver_goes_by_the_number_of_centers() {
     assert!(solver(13).contains("local, from a block of"), "{}", solver(13));
     // Listed centers have no local solver: the message says what to do.
     let listed = GOOD.lines().filter(|line| !line.starts_with("centers_")).collect::<Vec<_>>().join("\n");
-    let point = |i: i32| format!("[{}.0, {}.0, {}.0]", i % 13, i / 13 % 13, i / 169);
-    let points = (0..2197).map(point).collect::<Vec<_>>().join(", ");
+    let point = |i: i32| format!("[{}.0, {}.0, {}.0]", i % 15, i / 15 % 15, i / 225);
+    let points = (0..3001).map(point).collect::<Vec<_>>().join(", ");
     let listed = format!("{listed}\ncenters_listed_m_s = [{points}]\n");
-    assert_refused(&listed, &["solver", "2197 listed centers", "lattice", "solver = \"dense\""]);
+    assert_refused(&listed, &["solver", "3001 listed centers", "lattice", "solver = \"dense\""]);
 }
 
 #[test]
