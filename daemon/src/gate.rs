@@ -274,11 +274,9 @@ fn check_values(m: &Measurement, limits: &InputConfig) -> Result<(), Rejection> 
     if !m.is_finite() {
         return Err(Rejection::NotFinite);
     }
-    for (i, field) in Measurement::TABLE.fields.iter().enumerate() {
+    let fields = Measurement::TABLE.fields.iter().enumerate();
+    for (i, field) in fields.filter(|(_, field)| field.valid != 0 && m.has(field.valid)) {
         let Value::Numbers(numbers) = m.value(i) else { continue };
-        if !m.has(field.valid) {
-            continue;
-        }
         let norm = || numbers.iter().map(|x| x * x).sum::<f64>().sqrt();
         match field.limit {
             Limit::Norm(bound) if norm() > value_of(bound, limits) => return Err(Rejection::BeyondLimits),

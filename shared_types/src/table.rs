@@ -233,10 +233,10 @@ pub trait Payload: Message + Sized {
 
 /// Whether every number is finite, in fields of several numbers that are valid.
 pub fn numbers_are_finite(message: &impl Message, valid: u32) -> bool {
-    message.table().fields.iter().enumerate().all(|(i, field)| match message.value(i) {
-        Value::Numbers(numbers) if valid & field.valid == field.valid => {
-            numbers.iter().all(|number| number.is_finite())
-        }
+    let fields = message.table().fields.iter().enumerate();
+    let mut valid = fields.filter(|(_, field)| valid & field.valid == field.valid);
+    valid.all(|(i, _)| match message.value(i) {
+        Value::Numbers(numbers) => numbers.iter().all(|number| number.is_finite()),
         _ => true,
     })
 }

@@ -116,7 +116,8 @@ impl<P: Plant<M>, const M: usize> Channel<P, M> {
     ) -> Ahead<P::State, M> {
         self.observe(output, true);
         let ahead = self.predict(input, h_s);
-        let stamp_ns = self.at.stamp_ns + (h_s * 1e9).round() as u64;
+        // To the nearest ns; `round` is a library call on the baseline of x86-64.
+        let stamp_ns = self.at.stamp_ns + (h_s * 1e9 + 0.5) as u64;
         self.commit(&ahead.learning, Moment { stamp_ns, state: ahead.state });
         ahead
     }
