@@ -403,8 +403,8 @@ fn seconds(duration_ns: u64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::law::joint::design::{ExcitationDesign, PriorDeviations};
-    use crate::{Centers, Kernel, LengthScale};
+    use crate::law::joint::tests::paper_design;
+    use crate::{Centers, LengthScale};
 
     const PERIOD_NS: u64 = 5_000_000;
     const NOISE_M_S: f64 = 0.05;
@@ -412,31 +412,10 @@ mod tests {
 
     fn design() -> JointChannelDesign {
         let filter = JointDesign {
-            kernel: Kernel::SobolevMatern { dimension: 3, order: 3 },
             length_scale: LengthScale::Isotropic(4.0),
             centers: Centers::lattice([-4.0; 3], [4.0; 3], [3; 3]).unwrap(),
-            prior: PriorDeviations {
-                bias: 0.5,
-                linear: 0.3,
-                kernel: 0.35,
-                input: 0.15,
-                lag: 0.3,
-                disturbance: 0.1,
-            },
-            disturbance_time_s: 0.2,
-            process_noise: 1.5e-3,
-            motion_memory_s: 300.0,
-            input_memory_s: 3600.0,
-            lags_s: [0.05, 0.2],
             noise: [NOISE_M_S; 3],
-            position_noise: None,
-            noise_samples: 500.0,
-            excitation: ExcitationDesign {
-                correction_share: 0.3,
-                mean_time_s: 5.0,
-                variation_time_s: 0.2,
-                idle_rate: 0.05,
-            },
+            ..paper_design()
         };
         JointChannelDesign { filter, inertia: Matrix3::identity() * MASS_KG, hold_s: 0.0075 }
     }

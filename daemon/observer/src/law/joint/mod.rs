@@ -42,4 +42,4 @@ pub(crate) mod teaches;
 pub(crate) mod update;
 
 #[cfg(test)]
-mod tests;
+pub(crate) mod tests;

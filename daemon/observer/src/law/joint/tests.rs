@@ -10,7 +10,7 @@ use nalgebra::Vector3;
 
 const MASS_KG: f64 = 4.0;
 
-pub(super) fn paper_design() -> JointDesign {
+pub(crate) fn paper_design() -> JointDesign {
     JointDesign {
         kernel: Kernel::SobolevMatern { dimension: 3, order: 3 },
         length_scale: LengthScale::Isotropic(2.2),
