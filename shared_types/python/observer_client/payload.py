@@ -211,6 +211,7 @@ class Estimate(EstimateStructure):
     """The state estimate at `stamp_ns`, and how far it can be trusted."""
 
     TYPE_NAME = "observer.Estimate.v3"
+    WORDS = STATUS_WORDS
 
     sequence: u64  # Counts the service's publications from 0.
     source_sequence: u64  # Sequence of the newest sample that went into this estimate.
@@ -278,6 +279,7 @@ class Status(StatusStructure):
     """What the service did since it started."""
 
     TYPE_NAME = "observer.Status.v4"
+    WORDS = REJECTION_WORDS
 
     sequence: u64  # Counts publications from 0.
     stamp_ns: u64  # CLOCK_MONOTONIC of this status (ns).

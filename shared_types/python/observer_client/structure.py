@@ -90,11 +90,12 @@ def _plain(value):
 class EstimateStructure(Structure):
     """What an estimate says about itself."""
 
+    #: Words for the bits of its status.
+    WORDS = {}
+
     def words(self):
         """Its status in words: `tracking`, `coasting-translation`, `stale`, ..."""
-        from .payload import STATUS_WORDS
-
-        return words_of(self.status, STATUS_WORDS)
+        return words_of(self.status, self.WORDS)
 
     def age_s(self):
         """Time since it was published (s). The last one stays when the service dies: look at its age."""
@@ -109,11 +110,12 @@ class EstimateStructure(Structure):
 class StatusStructure(Structure):
     """What a status says in words."""
 
+    #: Why samples were rejected, in the order of its counters.
+    WORDS = ()
+
     def rejected(self):
         """Samples rejected, by reason; reasons that never occurred are left out."""
-        from .payload import REJECTION_WORDS
-
-        return {word: n for word, n in zip(REJECTION_WORDS, self.counters.samples_rejected) if n}
+        return {word: n for word, n in zip(self.WORDS, self.counters.samples_rejected) if n}
 
 
 class ReplyStructure(Structure):

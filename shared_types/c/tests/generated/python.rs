@@ -45,7 +45,12 @@ pub(crate) fn module() -> String {
             doc.trim_start()
         )
         .unwrap();
-        writeln!(text, "    TYPE_NAME = \"{}\"\n", table.type_name).unwrap();
+        writeln!(text, "    TYPE_NAME = \"{}\"", table.type_name).unwrap();
+        text += match table.name {
+            "Estimate" => "    WORDS = STATUS_WORDS\n\n",
+            "Status" => "    WORDS = REJECTION_WORDS\n\n",
+            _ => "\n",
+        };
         for field in table.fields {
             text += &documented(&format!("    {}: {}", field.name, hint(field)), field.doc);
         }
