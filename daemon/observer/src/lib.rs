@@ -132,7 +132,7 @@ pub use report::cover::{LengthScaleEffect, length_scale_effect};
 pub use report::design_report::DesignReport;
 pub use report::findings::{Finding, Verdict};
 pub use report::lure_pair::LurePair;
-pub use rigid_body::{InitialState, RigidBodyEstimate, RigidBodyObserver, Sample, Velocity};
+pub use rigid_body::{Deviations, InitialState, RigidBodyEstimate, RigidBodyObserver, Sample, Velocity};
 pub use space::centers::{Centers, LatticeBox};
 pub use space::factors::lanes::vector_unit;
 pub use space::kernel::{Kernel, RadialFunction};

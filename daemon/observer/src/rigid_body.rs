@@ -70,10 +70,41 @@ pub struct RigidBodyEstimate {
     pub matched_force_n: Vector3<f64>,
     /// f̂ of the rotation, body axes (N·m).
     pub matched_torque_n_m: Vector3<f64>,
+    /// 1 σ of all of these.
+    pub deviations: Deviations,
     /// Trust in the translation, if there is one.
     pub translation: Option<ChannelReport>,
     /// Trust in the rotation, if there is one.
     pub rotation: Option<ChannelReport>,
+}
+
+/// 1 σ of each component of an estimate; +∞ where it is not known: with the gradient law, and before the first output.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Deviations {
+    /// Of the position, inertial axes (m).
+    pub position_m: [f64; 3],
+    /// Of the velocity, inertial axes (m/s).
+    pub velocity_m_s: [f64; 3],
+    /// Of the rotation vector of the attitude's error, body axes (rad).
+    pub attitude_rad: [f64; 3],
+    /// Of the angular velocity, body axes (rad/s).
+    pub angular_velocity_rad_s: [f64; 3],
+    /// Of the unknown force, inertial axes (N).
+    pub matched_force_n: [f64; 3],
+    /// Of the unknown torque, body axes (N·m).
+    pub matched_torque_n_m: [f64; 3],
+}
+
+impl Deviations {
+    /// Nothing is known of the errors.
+    pub const UNKNOWN: Self = Self {
+        position_m: [f64::INFINITY; 3],
+        velocity_m_s: [f64::INFINITY; 3],
+        attitude_rad: [f64::INFINITY; 3],
+        angular_velocity_rad_s: [f64::INFINITY; 3],
+        matched_force_n: [f64::INFINITY; 3],
+        matched_torque_n_m: [f64::INFINITY; 3],
+    };
 }
 
 impl RigidBodyEstimate {
@@ -220,6 +251,7 @@ impl RigidBodyObserver {
             angular_velocity_rad_s,
             matched_force_n,
             matched_torque_n_m,
+            deviations: Deviations::UNKNOWN,
             translation,
             rotation,
         }

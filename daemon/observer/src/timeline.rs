@@ -377,6 +377,8 @@ impl<P: Plant<M>, const M: usize> Timeline<P, M> {
                 .zip(upper)
                 .zip(&output)
                 .any(|((lower, upper), y)| !(lower..=upper).contains(&y)),
+            nis: 0.0,
+            reacquiring: false,
         }
     }
 }
@@ -404,6 +406,11 @@ pub struct ChannelReport {
     pub clamped: bool,
     /// The held or predicted output lies outside of the box of the centers.
     pub outside_centers: bool,
+    /// Mean of e²/S over the axes of the newest output: 1 in the mean where the noises are right; 0 where the law has no S,
+    /// and before the first output.
+    pub nis: f64,
+    /// After an outage, the innovations are not back within the gate yet.
+    pub reacquiring: bool,
 }
 
 pub(crate) fn seconds(duration_ns: u64) -> f64 {
