@@ -1,7 +1,10 @@
 //! The channels of a vehicle by name, and the trait through which any of them is saved, restored, loaded and reset.
 
 use crate::innovation_gate::InnovationGate;
+use crate::joint_channel::JointChannel;
+use crate::joint_channel::checkpoint::JointChannelState;
 use crate::plant::attitude::Attitude;
+use crate::plant::attitude_filter::{AttitudeFilter, JointPose};
 use crate::plant::body::BodyState;
 use crate::plant::linear::{LinearState, MAX_OUTPUTS};
 use crate::plant::nominal::Plant;
@@ -53,6 +56,10 @@ pub enum ChannelState {
     Rotation(TimelineState<BodyState<Attitude>, 3>),
     /// Of the linear plant.
     Linear(TimelineState<LinearState, MAX_OUTPUTS>),
+    /// Of the translation with the joint law.
+    JointTranslation(JointChannelState<()>),
+    /// Of the rotation with the joint law.
+    JointRotation(JointChannelState<AttitudeFilter>),
 }
 
 impl ChannelState {
@@ -62,21 +69,33 @@ impl ChannelState {
             Self::Translation(state) => state.stamp_ns(),
             Self::Rotation(state) => state.stamp_ns(),
             Self::Linear(state) => state.stamp_ns(),
+            Self::JointTranslation(state) => state.stamp_ns(),
+            Self::JointRotation(state) => state.stamp_ns(),
         }
     }
 
     /// r̂ and v̂ of the translation at the newest sample, inertial (m; m/s).
     pub fn position_and_velocity(&self) -> Option<(Vector3<f64>, Vector3<f64>)> {
-        let Self::Translation(state) = self else { return None };
-        let state = state.newest();
-        Some((state.pose.position, state.rate))
+        match self {
+            Self::Translation(state) => {
+                let state = state.newest();
+                Some((state.pose.position, state.rate))
+            }
+            Self::JointTranslation(state) => Some((state.position.into(), state.velocity.into())),
+            _ => None,
+        }
     }
 
     /// q̂ and ω̂ of the rotation at the newest sample, body to inertial and body axes (rad/s).
     pub fn attitude_and_angular_velocity(&self) -> Option<(UnitQuaternion<f64>, Vector3<f64>)> {
-        let Self::Rotation(state) = self else { return None };
-        let state = state.newest();
-        Some((state.pose.attitude, state.rate))
+        match self {
+            Self::Rotation(state) => {
+                let state = state.newest();
+                Some((state.pose.attitude, state.rate))
+            }
+            Self::JointRotation(state) => Some((state.pose.attitude, state.velocity.into())),
+            _ => None,
+        }
     }
 
     /// x̂ of the linear plant at the newest sample.
@@ -94,8 +113,8 @@ pub(crate) trait OfChannel: Sized {
 }
 
 macro_rules! of_channel {
-    ($name:ident, $state:ty, $m:expr) => {
-        impl OfChannel for TimelineState<$state, $m> {
+    ($name:ident, $state:ty) => {
+        impl OfChannel for $state {
             fn wrapped(self) -> ChannelState {
                 ChannelState::$name(self)
             }
@@ -107,9 +126,11 @@ macro_rules! of_channel {
     };
 }
 
-of_channel!(Translation, BodyState<Position>, 3);
-of_channel!(Rotation, BodyState<Attitude>, 3);
-of_channel!(Linear, LinearState, MAX_OUTPUTS);
+of_channel!(Translation, TimelineState<BodyState<Position>, 3>);
+of_channel!(Rotation, TimelineState<BodyState<Attitude>, 3>);
+of_channel!(Linear, TimelineState<LinearState, MAX_OUTPUTS>);
+of_channel!(JointTranslation, JointChannelState<()>);
+of_channel!(JointRotation, JointChannelState<AttitudeFilter>);
 
 /// A channel, independent of its plant and law.
 ///
@@ -190,5 +211,45 @@ where
 
     fn certificate(&self) -> Option<&Certificate> {
         Timeline::certificate(self)
+    }
+}
+
+impl<K: JointPose> AnyChannel for JointChannel<K>
+where
+    JointChannelState<K>: OfChannel,
+{
+    fn save(&mut self) -> ChannelState {
+        JointChannel::save(self).wrapped()
+    }
+
+    fn restore(&mut self, state: Option<&ChannelState>) {
+        JointChannel::restore(self, state.and_then(OfChannel::unwrapped));
+    }
+
+    fn n_learned(&self) -> usize {
+        JointChannel::n_learned(self)
+    }
+
+    fn read_saved(&self, from: usize, into: &mut [f64]) {
+        JointChannel::read_saved(self, from, into);
+    }
+
+    fn load(&mut self, learned: &[f64], state: Option<&ChannelState>) {
+        JointChannel::load(self, learned, state.and_then(OfChannel::unwrapped));
+    }
+
+    fn restart(&mut self) {
+        JointChannel::restart(self);
+    }
+
+    fn forget(&mut self) {
+        JointChannel::forget(self);
+    }
+
+    /// The law weighs stray outputs itself.
+    fn set_innovation_gate(&mut self, _: InnovationGate) {}
+
+    fn certificate(&self) -> Option<&Certificate> {
+        None
     }
 }

@@ -45,14 +45,8 @@ pub enum Parameter {
     PlantOutput,
     /// x̂(0) of a linear plant.
     InitialState,
-    /// Deviations of the joint filter's prior.
-    Prior,
-    /// Noises of the joint filter.
-    Noise,
-    /// Times of the joint filter.
-    Memory,
-    /// What may teach the joint filter.
-    Excitation,
+    /// A parameter of the joint law, by the name of its field.
+    Joint(&'static str),
 }
 
 /// Why a design cannot be used: what was found, and what would be accepted.

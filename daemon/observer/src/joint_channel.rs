@@ -15,10 +15,14 @@ use crate::law::joint::predict::JointPrediction;
 use crate::law::joint::state::JointState;
 use crate::law::joint::teaches::Teaches;
 use crate::law::joint::update::Agreement;
-use crate::plant::attitude_filter::{AttitudeFilter, JointPose};
+use crate::plant::attitude_filter::{AttitudeFilter, JointPose, PoseStep};
 use crate::plant::body::KnownForce;
-use nalgebra::{Matrix3, Vector3};
-use serde::{Deserialize, Serialize};
+use crate::timeline::{ChannelReport, seconds};
+use history::JointHistory;
+use nalgebra::{Matrix3, UnitQuaternion, Vector3};
+
+pub(crate) mod checkpoint;
+mod history;
 
 /// The first steps of the grid are as long as this (ns),
 const STEP_NS: u64 = 50_000_000;
@@ -28,12 +32,6 @@ const STEPS_OF_ONE_LENGTH: u64 = 32;
 const MAX_STEP_NS: u64 = 250_000_000;
 /// for this many steps. Beyond, an estimate carries no information: the steps double again, to bound the cost.
 const STEPS_OF_A_LONG_COAST: u64 = 4096;
-/// Without a sample or a command for this many of their usual periods a gap begins.
-const PERIODS_TO_A_GAP: f64 = 1.5;
-/// The usual period follows the periods by this much of their difference.
-const PERIOD_RATE: f64 = 0.1;
-/// A channel tracks again after this many samples in a row within the gate.
-const SAMPLES_TO_TRACK: u32 = 3;
 
 /// Everything that a channel with the joint law is made of.
 #[derive(Debug, Clone, PartialEq)]
@@ -44,6 +42,30 @@ pub struct JointChannelDesign {
     pub inertia: Matrix3<f64>,
     /// Without an output for longer than this (s) the channel coasts.
     pub hold_s: f64,
+}
+
+/// The translation of a body with the joint law.
+#[derive(Debug, Clone, PartialEq)]
+pub struct JointTranslationDesign {
+    /// The channel.
+    pub channel: JointChannelDesign,
+    /// Known constant force, inertial axes (N): gravity, buoyancy.
+    pub known_force_n: Vector3<f64>,
+}
+
+/// The rotation of a body with the joint law, and its attitude.
+#[derive(Debug, Clone, PartialEq)]
+pub struct JointRotationDesign {
+    /// The channel.
+    pub channel: JointChannelDesign,
+    /// What accounts for −ω × Iω.
+    pub gyroscopic_torque: GyroscopicTorque,
+    /// Deviation of an attitude fix, each component of its rotation vector, body axes (rad).
+    pub attitude_noise_rad: f64,
+    /// Prior deviation of the gyroscope's bias (rad/s); 0: it has none.
+    pub bias_std_rad_s: f64,
+    /// Its random walk (rad/s/√s).
+    pub bias_walk_rad_s_sqrt_s: f64,
 }
 
 /// What one sample brings to a channel; 1 σ of each component where it has its own.
@@ -69,66 +91,6 @@ struct JointMoment<K> {
     pose: K,
 }
 
-/// All of a channel's history that has a fixed size.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-struct JointHistory {
-    /// The command that is held (N; N·m); 0 before the first.
-    command: Vector3<f64>,
-    /// Stamp of the newest output (ns).
-    output_stamp_ns: Option<u64>,
-    /// Stamp of the newest sample or command (ns), and their usual period.
-    event_ns: Option<u64>,
-    period_ns: u64,
-    /// Samples in a row within the gate, up to those that are needed.
-    samples_within: u32,
-    /// Mean of e²/S of the newest output.
-    nis: f64,
-    /// Whether the weights are learned since the newest sample.
-    is_learning: bool,
-}
-
-impl JointHistory {
-    fn new() -> Self {
-        Self {
-            command: Vector3::zeros(),
-            output_stamp_ns: None,
-            event_ns: None,
-            period_ns: 0,
-            samples_within: 0,
-            nis: 0.0,
-            is_learning: true,
-        }
-    }
-
-    fn teaches(&self) -> Teaches {
-        if self.is_learning { Teaches::All } else { Teaches::State }
-    }
-
-    /// When a gap begins if nothing comes (ns).
-    fn gap_start_ns(&self) -> u64 {
-        match self.event_ns {
-            Some(event_ns) if self.period_ns > 0 => {
-                event_ns.saturating_add((PERIODS_TO_A_GAP * self.period_ns as f64) as u64)
-            }
-            _ => u64::MAX,
-        }
-    }
-
-    fn see_event(&mut self, stamp_ns: u64) {
-        if let Some(before_ns) = self.event_ns {
-            let period_ns = stamp_ns.saturating_sub(before_ns);
-            // What is much longer is an outage and no period.
-            if self.period_ns == 0 {
-                self.period_ns = period_ns;
-            } else if period_ns < 3 * self.period_ns {
-                let change = PERIOD_RATE * (period_ns as f64 - self.period_ns as f64);
-                self.period_ns = (self.period_ns as f64 + change) as u64;
-            }
-        }
-        self.event_ns = Some(stamp_ns);
-    }
-}
-
 /// What a channel says of an instant.
 #[derive(Debug, Clone, Copy)]
 pub struct JointEstimate<K> {
@@ -136,16 +98,14 @@ pub struct JointEstimate<K> {
     pub prediction: JointPrediction,
     /// The unknown force (N) or torque (N·m): inertia times the unknown acceleration.
     pub matched_force: Vector3<f64>,
+    /// 1 σ of it.
+    pub matched_force_std: [f64; 3],
     /// What is integrated beside the filter.
     pub pose: K,
-    /// No output for longer than the hold.
-    pub is_coasting: bool,
-    /// The innovations are not back within the gate since the last outage.
-    pub is_reacquiring: bool,
-    /// Mean of e²/S of the newest output.
-    pub nis: f64,
-    /// Time since the newest output (s); +∞ before the first.
-    pub output_age_s: f64,
+    /// Whether a first output was seen: before, deviations are not known.
+    pub is_started: bool,
+    /// How far it can be trusted.
+    pub report: ChannelReport,
 }
 
 /// Forces as accelerations.
@@ -154,6 +114,8 @@ struct PlantOfBody {
     inertia: Matrix3<f64>,
     inverse_inertia: Matrix3<f64>,
     known_force: KnownForce,
+    /// Without an output for longer than this (ns) the channel coasts.
+    hold_ns: u64,
 }
 
 impl PlantOfBody {
@@ -161,6 +123,10 @@ impl PlantOfBody {
     fn accelerations(&self, command: &Vector3<f64>, velocity: &Vector3<f64>) -> ([f64; 3], [f64; 3]) {
         let known = self.inverse_inertia * self.known_force.at(velocity);
         ((self.inverse_inertia * command).into(), known.into())
+    }
+
+    fn is_coasting(&self, history: &JointHistory, at_ns: u64) -> bool {
+        history.output_stamp_ns.is_none_or(|output_ns| at_ns.saturating_sub(output_ns) > self.hold_ns)
     }
 
     /// Moves to a grid point or a sample, within a gap or outside of one.
@@ -180,10 +146,14 @@ impl PlantOfBody {
             filter.predict(&mut from.state, h_s, &command, &known, history.teaches());
         } else {
             let gap_s = seconds(from.stamp_ns - gap_ns);
-            filter.predict_gap(&mut from.state, h_s, &command, &known, gap_s);
+            filter.predict_gap(&mut from.state, h_s, &command, &known, gap_s, history.teaches());
         }
-        let after = Vector3::from(from.state.velocity());
-        from.pose = from.pose.after((&before, &after), &std, h_s);
+        from.pose = from.pose.after(&PoseStep {
+            h_s,
+            velocities: [before, Vector3::from(from.state.velocity())],
+            std: [std, from.state.velocity_std()],
+            is_coasting: self.is_coasting(history, to_ns),
+        });
         from.stamp_ns = to_ns;
     }
 }
@@ -193,7 +163,6 @@ impl PlantOfBody {
 pub struct JointChannel<K> {
     filter: JointFilter,
     plant: PlantOfBody,
-    hold_ns: u64,
     /// At the newest sample.
     at: JointMoment<K>,
     history: JointHistory,
@@ -201,45 +170,79 @@ pub struct JointChannel<K> {
     ahead: JointMoment<K>,
     /// How many steps it is from there; `None` where it is not of this grid.
     ahead_steps: Option<u64>,
+    initial: InitialMotion<K>,
+    /// What was estimated at the checkpoint: the numbers of [`JointState::write`].
+    saved: Vec<f64>,
+}
+
+/// Velocity, position and pose before the first output.
+#[derive(Debug, Clone, Copy)]
+struct InitialMotion<K> {
+    velocity: Option<Vector3<f64>>,
+    position: Option<Vector3<f64>>,
+    pose: K,
 }
 
 impl JointChannel<()> {
-    /// The translation of a body on which this known force acts (N, inertial): gravity, buoyancy.
+    /// The translation of a body, with velocity (m/s) and position (m) before the first output where they are known.
     ///
     /// # Errors
     /// As [`JointFilter::new`]; `Inertia` or `Hold` where they are not positive.
     pub fn translation(
-        design: &JointChannelDesign,
-        known_force_n: Vector3<f64>,
+        design: &JointTranslationDesign,
+        velocity: Option<Vector3<f64>>,
+        position: Option<Vector3<f64>>,
     ) -> Result<Self, DesignError> {
-        Self::new(design, KnownForce::Constant(known_force_n), ())
+        let initial = InitialMotion { velocity, position, pose: () };
+        Self::new(&design.channel, KnownForce::Constant(design.known_force_n), initial)
     }
 }
 
 impl JointChannel<AttitudeFilter> {
-    /// The rotation of a body, with the attitude that is integrated from it.
+    /// The rotation of a body, with angular velocity (rad/s) and attitude before the first output where they are known.
     ///
     /// # Errors
-    /// As [`JointChannel::translation`].
+    /// As [`JointChannel::translation`]; `Joint` where a deviation of the attitude is out of range.
     pub fn rotation(
-        design: &JointChannelDesign,
-        gyroscopic_torque: GyroscopicTorque,
-        attitude: AttitudeFilter,
+        design: &JointRotationDesign,
+        velocity: Option<Vector3<f64>>,
+        attitude: Option<UnitQuaternion<f64>>,
     ) -> Result<Self, DesignError> {
-        let known_force = match gyroscopic_torque {
+        let (bias, walk) = (design.bias_std_rad_s, design.bias_walk_rad_s_sqrt_s);
+        let noise = design.attitude_noise_rad;
+        if !(noise.is_finite() && noise > 0.0) {
+            return Err(DesignError::new(
+                Parameter::Joint("attitude_noise_rad"),
+                noise.to_string(),
+                "a finite number > 0",
+            ));
+        }
+        for (name, value) in [("bias_std_rad_s", bias), ("bias_walk_rad_s_sqrt_s", walk)] {
+            if !(value.is_finite() && value >= 0.0) {
+                let parameter = Parameter::Joint(name);
+                return Err(DesignError::new(parameter, value.to_string(), "a finite number ≥ 0"));
+            }
+        }
+        let known_force = match design.gyroscopic_torque {
             GyroscopicTorque::Learned => KnownForce::Constant(Vector3::zeros()),
-            GyroscopicTorque::Feedforward => KnownForce::Gyroscopic(design.inertia),
+            GyroscopicTorque::Feedforward => KnownForce::Gyroscopic(design.channel.inertia),
         };
-        Self::new(design, known_force, attitude)
+        let pose = AttitudeFilter::new(attitude, bias, walk);
+        Self::new(&design.channel, known_force, InitialMotion { velocity, position: None, pose })
+    }
+
+    /// The attitude and the gyroscope's bias at the newest sample.
+    pub fn attitude(&self) -> &AttitudeFilter {
+        &self.at.pose
     }
 }
 
 impl<K: JointPose> JointChannel<K> {
-    /// A channel that has learned nothing.
-    ///
-    /// # Errors
-    /// As [`JointFilter::new`]; `Inertia` or `Hold` where they are not positive.
-    fn new(design: &JointChannelDesign, known_force: KnownForce, pose: K) -> Result<Self, DesignError> {
+    fn new(
+        design: &JointChannelDesign,
+        known_force: KnownForce,
+        initial: InitialMotion<K>,
+    ) -> Result<Self, DesignError> {
         if !(design.hold_s.is_finite() && design.hold_s > 0.0) {
             return Err(DesignError::new(Parameter::Hold, design.hold_s.to_string(), "a finite number > 0"));
         }
@@ -248,56 +251,73 @@ impl<K: JointPose> JointChannel<K> {
             DesignError::new(Parameter::Inertia, found, "a symmetric positive definite matrix")
         })?;
         let filter = JointFilter::new(&design.filter)?;
-        let at = JointMoment { stamp_ns: 0, state: filter.new_state(), pose };
-        Ok(Self {
+        let at = JointMoment { stamp_ns: 0, state: filter.new_state(), pose: initial.pose };
+        let saved = vec![0.0; JointState::n_numbers(filter.n)];
+        let hold_ns = (design.hold_s * 1e9).round() as u64;
+        let mut channel = Self {
             filter,
-            plant: PlantOfBody { inertia: design.inertia, inverse_inertia, known_force },
-            hold_ns: (design.hold_s * 1e9).round() as u64,
+            plant: PlantOfBody { inertia: design.inertia, inverse_inertia, known_force, hold_ns },
             ahead: at.clone(),
             at,
             history: JointHistory::new(),
             ahead_steps: None,
-        })
+            initial,
+            saved,
+        };
+        channel.begin();
+        channel.at.state.write(channel.filter.n, &mut channel.saved);
+        Ok(channel)
     }
 
-    /// Moves to the stamp of a sample and takes what it brings. `None` where it has no output.
+    /// Moves to the stamp of a sample and takes what it brings, `take_fix` for the pose. `None` where it has no output.
+    ///
+    /// A sample that brings nothing changes nothing.
     ///
     /// # Cost
     /// One update and one prediction of the filter; a step for each grid point since the sample before.
-    pub fn accept(
+    pub fn accept<F: FnOnce(&mut K)>(
         &mut self,
         stamp_ns: u64,
         sample: &JointSample,
         teaches: Teaches,
-        take_fix: impl FnOnce(&mut K),
+        take_fix: Option<F>,
     ) -> Option<Agreement> {
+        let has_output = sample.output.iter().any(Option::is_some);
+        let has_fix = sample.position.iter().any(Option::is_some) || take_fix.is_some();
+        if !has_output && !has_fix && sample.command.is_none() {
+            return None;
+        }
         self.move_to(stamp_ns);
         self.history.is_learning = teaches == Teaches::All;
-        take_fix(&mut self.at.pose);
+        if let Some(take_fix) = take_fix {
+            take_fix(&mut self.at.pose);
+        }
+        self.history.command = sample.command.unwrap_or(self.history.command);
+        let agreement = self.update(stamp_ns, sample, teaches);
+        self.history.see_event(stamp_ns);
+        self.ahead_steps = None;
+        agreement
+    }
+
+    fn update(&mut self, stamp_ns: u64, sample: &JointSample, teaches: Teaches) -> Option<Agreement> {
         let (history, state) = (&mut self.history, &mut self.at.state);
-        history.command = sample.command.unwrap_or(history.command);
         let design = self.filter.design();
         let (output_std, position_std) = (
             sample.output_std.unwrap_or(design.noise),
             sample.position_std.unwrap_or([design.position_noise.unwrap_or(1.0); 3]),
         );
         let since_s = history.output_stamp_ns.map_or(0.0, |before_ns| seconds(stamp_ns - before_ns));
-        let agreement = self.filter.update_velocity(state, &sample.output, &output_std, since_s, teaches);
-        if let Some(agreement) = agreement {
-            let is_gap = history.output_stamp_ns.is_none_or(|before_ns| stamp_ns - before_ns > self.hold_ns);
-            let within = if agreement.is_stray || is_gap { 0 } else { history.samples_within + 1 };
-            history.samples_within = within.min(SAMPLES_TO_TRACK);
-            (history.output_stamp_ns, history.nis) = (Some(stamp_ns), agreement.nis);
+        let bias = self.at.pose.output_bias();
+        let output = std::array::from_fn(|axis| sample.output[axis].map(|y| y - bias[axis]));
+        let agreement = self.filter.update_velocity(state, &output, &output_std, since_s, teaches);
+        if let Some(agreement) = &agreement {
+            let agrees = !agreement.is_stray && !self.plant.is_coasting(history, stamp_ns);
+            history.see_output(stamp_ns, agreement.output_error(), agreement.nis, agrees);
+            self.at.pose.take_innovations(agreement);
         }
-        if state.is_started() && self.filter.design().position_noise.is_some() {
+        if self.filter.design().position_noise.is_some() {
             self.filter.update_position(state, &sample.position, &position_std, teaches);
         }
-        let is_event =
-            agreement.is_some() || sample.command.is_some() || sample.position.iter().any(Option::is_some);
-        if is_event {
-            history.see_event(stamp_ns);
-        }
-        self.ahead_steps = None;
         agreement
     }
 
@@ -334,12 +354,6 @@ impl<K: JointPose> JointChannel<K> {
     /// N²/2 + 2n² multiply-adds, and a prediction for each grid point that was not asked for yet; no allocation.
     pub fn estimate(&mut self, stamp_ns: u64) -> JointEstimate<K> {
         let history = self.history;
-        let output_age_s = match history.output_stamp_ns {
-            Some(output_ns) => seconds(stamp_ns.saturating_sub(output_ns)),
-            None => f64::INFINITY,
-        };
-        let is_coasting =
-            history.output_stamp_ns.is_none_or(|output_ns| stamp_ns.saturating_sub(output_ns) > self.hold_ns);
         let to_ns = stamp_ns.max(self.at.stamp_ns);
         let base = if !self.at.state.is_started() || to_ns <= self.grid_ns(self.at.stamp_ns, 0) {
             &self.at
@@ -353,15 +367,50 @@ impl<K: JointPose> JointChannel<K> {
         let gap_ns = history.gap_start_ns();
         let gap_s = (base.stamp_ns >= gap_ns).then(|| seconds(base.stamp_ns - gap_ns));
         let prediction = self.filter.look_ahead(&base.state, h_s, &command, &known, gap_s);
-        let after = Vector3::from(prediction.velocity);
-        JointEstimate {
-            pose: base.pose.after((&before, &after), &base.state.velocity_std(), h_s),
-            matched_force: self.plant.inertia * Vector3::from(prediction.learned.value),
-            prediction,
+        let is_coasting = self.plant.is_coasting(&history, stamp_ns);
+        let step = PoseStep {
+            h_s,
+            velocities: [before, Vector3::from(prediction.velocity)],
+            std: [base.state.velocity_std(), prediction.velocity_std],
             is_coasting,
-            is_reacquiring: history.samples_within < SAMPLES_TO_TRACK || is_coasting,
+        };
+        JointEstimate {
+            pose: base.pose.after(&step),
+            matched_force: self.plant.inertia * Vector3::from(prediction.learned.value),
+            matched_force_std: std_of(&self.plant.inertia, &prediction.learned_std),
+            report: self.report(&base.state, &prediction, is_coasting, stamp_ns),
+            is_started: base.state.is_started(),
+            prediction,
+        }
+    }
+
+    fn report(
+        &self,
+        state: &JointState,
+        prediction: &JointPrediction,
+        is_coasting: bool,
+        stamp_ns: u64,
+    ) -> ChannelReport {
+        let history = &self.history;
+        let (lower, upper) = self.filter.design().centers.bounding_box();
+        let is_outside = |axis: usize| !(lower[axis]..=upper[axis]).contains(&prediction.velocity[axis]);
+        let teaches = !is_coasting && history.is_learning;
+        ChannelReport {
+            output_error: if is_coasting { 0.0 } else { history.output_error },
+            activation: if teaches { state.excitation.teaching } else { 0.0 },
+            power_function: prediction.learned.power_function,
+            native_norm: state.weights_norm(),
+            solver_error: 0.0,
+            error_bound: f64::INFINITY,
+            output_age_s: match history.output_stamp_ns {
+                Some(output_ns) => seconds(stamp_ns.saturating_sub(output_ns)),
+                None => f64::INFINITY,
+            },
+            coasting: is_coasting,
+            clamped: false,
+            outside_centers: (0..3).any(is_outside),
             nis: history.nis,
-            output_age_s,
+            reacquiring: history.is_reacquiring(),
         }
     }
 
@@ -388,172 +437,42 @@ impl<K: JointPose> JointChannel<K> {
     }
 
     /// Forgets the state, not what was learned: begins again with the next output, at any stamp.
-    pub fn restart(&mut self, pose: K) {
+    pub fn restart(&mut self) {
         self.filter.restart(&mut self.at.state);
+        self.begin();
+    }
+
+    /// Forgets the state and what was learned. No allocation.
+    pub fn forget(&mut self) {
+        self.filter.clear(&mut self.at.state);
+        self.begin();
+    }
+
+    fn begin(&mut self) {
+        let InitialMotion { velocity, position, pose } = self.initial;
+        self.at.state.set_motion(velocity, position);
         self.at.pose = pose;
         self.history = JointHistory::new();
         self.ahead_steps = None;
     }
+
+    /// The law: its design, and what of it a report needs.
+    pub fn filter(&self) -> &JointFilter {
+        &self.filter
+    }
+
+    /// The state at the newest sample.
+    pub fn state(&self) -> &JointState {
+        &self.at.state
+    }
 }
 
-fn seconds(duration_ns: u64) -> f64 {
-    duration_ns as f64 / 1e9
+/// Deviations of M a, those of the axes of a being independent: √diag(M diag(std²) Mᵀ).
+fn std_of(inertia: &Matrix3<f64>, std: &[f64; 3]) -> [f64; 3] {
+    std::array::from_fn(|row| {
+        (0..3).map(|column| (inertia[(row, column)] * std[column]).powi(2)).sum::<f64>().sqrt()
+    })
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::law::joint::tests::paper_design;
-    use crate::{Centers, LengthScale};
-
-    const PERIOD_NS: u64 = 5_000_000;
-    const NOISE_M_S: f64 = 0.05;
-    const MASS_KG: f64 = 2.0;
-
-    fn design() -> JointChannelDesign {
-        let filter = JointDesign {
-            length_scale: LengthScale::Isotropic(4.0),
-            centers: Centers::lattice([-4.0; 3], [4.0; 3], [3; 3]).unwrap(),
-            noise: [NOISE_M_S; 3],
-            ..paper_design()
-        };
-        JointChannelDesign { filter, inertia: Matrix3::identity() * MASS_KG, hold_s: 0.0075 }
-    }
-
-    fn channel() -> JointChannel<()> {
-        JointChannel::translation(&design(), Vector3::zeros()).unwrap()
-    }
-
-    struct Random(u64);
-
-    impl Random {
-        fn normal(&mut self) -> f64 {
-            let uniform = |seed: &mut u64| {
-                *seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-                (*seed >> 11) as f64 / (1_u64 << 53) as f64
-            };
-            (0..12).map(|_| uniform(&mut self.0)).sum::<f64>() - 6.0
-        }
-    }
-
-    /// A vehicle that holds a moving reference against a drag and a wind that it was not told of.
-    struct Flight {
-        random: Random,
-        velocity: Vector3<f64>,
-        gust: Vector3<f64>,
-        phases: Vector3<f64>,
-    }
-
-    impl Flight {
-        fn new(seed: u64) -> Self {
-            let mut random = Random(seed);
-            let phases = Vector3::from_fn(|_, _| 3.0 * random.normal());
-            Self { random, velocity: Vector3::zeros(), gust: Vector3::zeros(), phases }
-        }
-
-        fn unknown_n(&self) -> Vector3<f64> {
-            let air = self.velocity - Vector3::new(1.5, -0.5, 0.0);
-            -0.25 * air.norm() * air
-        }
-
-        fn command_n(&self, t_s: f64) -> Vector3<f64> {
-            let wave = |axis: usize, rate: f64| (rate * t_s + self.phases[axis]).sin();
-            let reference = Vector3::new(2.5 * wave(0, 0.9), 2.0 * wave(1, 0.7), 0.8 * wave(2, 1.3));
-            4.0 * (reference - self.velocity)
-        }
-
-        /// The process noise that the filter is told of, and the Gauss–Markov disturbance.
-        fn advance(&mut self, command_n: &Vector3<f64>, h_s: f64) {
-            for axis in 0..3 {
-                let decay = (-h_s / 0.2_f64).exp();
-                self.gust[axis] =
-                    decay * self.gust[axis] + 0.1 * (1.0 - decay * decay).sqrt() * self.random.normal();
-            }
-            let substeps = 5;
-            let dt = h_s / f64::from(substeps);
-            for _ in 0..substeps {
-                let a = (command_n + self.unknown_n()) / MASS_KG + self.gust;
-                self.velocity += dt * a;
-            }
-            let white = (1.5e-3 * h_s).sqrt();
-            self.velocity += Vector3::from_fn(|_, _| white * self.random.normal());
-        }
-
-        fn measured(&mut self) -> [Option<f64>; 3] {
-            std::array::from_fn(|axis| Some(self.velocity[axis] + NOISE_M_S * self.random.normal()))
-        }
-    }
-
-    /// Who asks, and when, changes nothing.
-    #[test]
-    fn the_same_samples_give_the_same_bits_whoever_asks() {
-        let (mut asked, mut silent) = (channel(), channel());
-        let mut flight = Flight::new(3);
-        for j in 0..3000_u64 {
-            let stamp_ns = 1_000_000_000 + j * PERIOD_NS;
-            let command = flight.command_n(j as f64 * 0.005);
-            // A gap of everything, an outage of the velocity, a slow sensor.
-            let is_gap = (1000..1600).contains(&j);
-            let has_output = !(2000..2200).contains(&j) && j % 3 == 0;
-            if !is_gap {
-                let output = if has_output { flight.measured() } else { [None; 3] };
-                let sample = JointSample { output, command: Some(command), ..JointSample::default() };
-                let teaches = if (700..800).contains(&j) { Teaches::State } else { Teaches::All };
-                for channel in [&mut asked, &mut silent] {
-                    channel.accept(stamp_ns, &sample, teaches, |()| {});
-                }
-            }
-            for later_ns in [0, 1_700_000, (j % 7) * 60_000_000, 4_000_000] {
-                asked.estimate(stamp_ns + later_ns);
-            }
-            flight.advance(&command, 0.005);
-        }
-        let later_ns = 1_000_000_000 + 3010 * PERIOD_NS;
-        let [a, b] = [&mut asked, &mut silent].map(|channel| format!("{:?}", channel.estimate(later_ns)));
-        assert_eq!(a, b);
-        assert_eq!(asked.at.state.mean, silent.at.state.mean);
-        assert_eq!(asked.at.state.covariances[0], silent.at.state.covariances[0]);
-    }
-
-    /// White noise as configured: the errors are as large as the deviations say, sample by sample and after outages.
-    #[test]
-    fn over_fifty_seeds_the_deviations_are_honest() {
-        let (mut nees, mut nis, mut n) = (0.0, 0.0, 0.0);
-        let (mut within, mut coasts) = (0.0, 0.0);
-        for seed in 1..=50 {
-            let mut channel = channel();
-            let mut flight = Flight::new(seed);
-            for j in 0..6000_u64 {
-                let stamp_ns = 1_000_000_000 + j * PERIOD_NS;
-                let command = flight.command_n(j as f64 * 0.005);
-                // From 15 s on 0.5 s without velocity in every 2 s.
-                let is_outage = j >= 3000 && j % 400 < 100;
-                let output = if is_outage { [None; 3] } else { flight.measured() };
-                let sample = JointSample { output, command: Some(command), ..JointSample::default() };
-                let agreement = channel.accept(stamp_ns, &sample, Teaches::All, |()| {});
-                let estimate = channel.estimate(stamp_ns);
-                let error = flight.velocity - Vector3::from(estimate.prediction.velocity);
-                let std = Vector3::from(estimate.prediction.velocity_std);
-                if (2000..3000).contains(&j) && j % 50 == 0 {
-                    nees += error.component_div(&std).norm_squared();
-                    nis += agreement.unwrap().nis;
-                    n += 1.0;
-                }
-                if j >= 3000 && j % 400 == 99 {
-                    coasts += 3.0;
-                    for axis in 0..3 {
-                        within += f64::from(error[axis].abs() < 1.96 * std[axis]);
-                    }
-                }
-                flight.advance(&command, 0.005);
-            }
-        }
-        // Samples every 0.25 s are nearly independent. χ² of 3n degrees: ±1.96 √(2 · 3n).
-        let (mean, spread) = (nees / (3.0 * n), 1.96 * (2.0 / (3.0 * n)).sqrt());
-        let coverage = within / coasts;
-        println!("NEES {mean:.3} ± {spread:.3}, NIS {:.3}, coverage of coasts {coverage:.3}", nis / n);
-        assert!((mean - 1.0).abs() < spread, "NEES {mean} ± {spread}");
-        assert!((0.8..1.2).contains(&(nis / n)), "NIS {}", nis / n);
-        assert!((0.90..0.99).contains(&coverage), "coverage {coverage}");
-    }
-}
+mod tests;

@@ -62,7 +62,7 @@
 //!     position_fix_gain_per_s: 0.0,
 //!     position_fix_hold_s: 0.0,
 //! };
-//! let mut observer = RigidBodyObserver::new(Some(translation), None, InitialState::default())?;
+//! let mut observer = RigidBodyObserver::new(Some(translation.into()), None, InitialState::default())?;
 //!
 //! // A body of 4 kg pushed with 2 N along x, against a drag of 0.5 N s/m that the observer does not know.
 //! let (mut v, h) = (0.0, 0.005);
@@ -108,7 +108,10 @@ pub use function::evaluation::Evaluation;
 pub use function::learned::LearnedFunction;
 pub use function::solver::{DENSE_UP_TO, DENSE_UP_TO_LISTED, LocalSolver, Solver, SolverInUse};
 pub use innovation_gate::{InnovationGate, OutlierAction};
-pub use joint_channel::{JointChannel, JointChannelDesign, JointEstimate, JointSample};
+pub use joint_channel::checkpoint::JointChannelState;
+pub use joint_channel::{
+    JointChannel, JointChannelDesign, JointEstimate, JointRotationDesign, JointSample, JointTranslationDesign,
+};
 pub use law::channel::{Ahead, BodyChannel, Channel};
 pub use law::dead_zone::{DeadZone, DeadZoneShape};
 pub use law::gradient::{GradientLaw, HeldOutput, Learning};
@@ -121,7 +124,7 @@ pub use law::joint::update::Agreement;
 pub use law::stability;
 pub use linear_design::LinearDesign;
 pub use linear_observer::{LinearEstimate, LinearObserver};
-pub use plant::attitude_filter::{AttitudeFilter, JointPose};
+pub use plant::attitude_filter::{AttitudeFilter, JointPose, PoseStep};
 pub use plant::body::{Body, BodyState};
 pub use plant::integrator::{Integrator, Segment};
 pub use plant::linear::{LinearOutput, LinearState, MAX_OUTPUTS, MAX_STATES};
@@ -132,7 +135,10 @@ pub use report::cover::{LengthScaleEffect, length_scale_effect};
 pub use report::design_report::DesignReport;
 pub use report::findings::{Finding, Verdict};
 pub use report::lure_pair::LurePair;
-pub use rigid_body::{Deviations, InitialState, RigidBodyEstimate, RigidBodyObserver, Sample, Velocity};
+pub use rigid_body::{
+    Deviations, InitialState, RigidBodyEstimate, RigidBodyObserver, RotationLaw, Sample, TranslationLaw,
+    Velocity,
+};
 pub use space::centers::{Centers, LatticeBox};
 pub use space::factors::lanes::vector_unit;
 pub use space::kernel::{Kernel, RadialFunction};

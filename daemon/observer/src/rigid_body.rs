@@ -3,9 +3,12 @@
 use crate::channels::{AnyChannel, ChannelName, Learn};
 use crate::design::{ChannelDesign, GyroscopicTorque, RotationDesign, TranslationDesign};
 use crate::error::{DesignError, Parameter};
+use crate::joint_channel::{JointChannel, JointRotationDesign, JointSample, JointTranslationDesign};
 use crate::law::channel::Channel;
 use crate::law::gradient::GradientLaw;
+use crate::law::joint::teaches::Teaches;
 use crate::plant::attitude::Attitude;
+use crate::plant::attitude_filter::{AttitudeFilter, JointPose};
 use crate::plant::body::{Body, Kinematics, KnownForce};
 use crate::plant::position::Position;
 use crate::report::certificate::{Certificate, sup_if_needed};
@@ -115,7 +118,84 @@ impl RigidBodyEstimate {
     }
 }
 
-/// The adaptive observer of a rigid body (Niu et al., §VI-A, §VI-B).
+/// The design of a translation, with its law.
+#[derive(Debug, Clone, PartialEq)]
+#[allow(clippy::large_enum_variant)] // there is one of it
+pub enum TranslationLaw {
+    /// The paper's.
+    Gradient(TranslationDesign),
+    /// The joint filter.
+    Joint(JointTranslationDesign),
+}
+
+/// The design of a rotation, with its law.
+#[derive(Debug, Clone, PartialEq)]
+#[allow(clippy::large_enum_variant)] // there is one of it
+pub enum RotationLaw {
+    /// The paper's.
+    Gradient(RotationDesign),
+    /// The joint filter.
+    Joint(JointRotationDesign),
+}
+
+impl From<TranslationDesign> for TranslationLaw {
+    fn from(design: TranslationDesign) -> Self {
+        Self::Gradient(design)
+    }
+}
+
+impl From<RotationDesign> for RotationLaw {
+    fn from(design: RotationDesign) -> Self {
+        Self::Gradient(design)
+    }
+}
+
+/// A channel with one of the laws: `G` the pose of the gradient law, `K` that of the joint one.
+#[derive(Debug, Clone)]
+#[allow(clippy::large_enum_variant)] // there are two of it
+enum LawChannel<G: Kinematics, K> {
+    Gradient(Timeline<Body<G>, 3>),
+    Joint(JointChannel<K>),
+}
+
+type TranslationChannel = LawChannel<Position, ()>;
+type RotationChannel = LawChannel<Attitude, AttitudeFilter>;
+
+impl<G: Kinematics, K: JointPose> LawChannel<G, K>
+where
+    Timeline<Body<G>, 3>: AnyChannel,
+    JointChannel<K>: AnyChannel,
+{
+    fn any(&self) -> &dyn AnyChannel {
+        match self {
+            Self::Gradient(channel) => channel,
+            Self::Joint(channel) => channel,
+        }
+    }
+
+    fn any_mut(&mut self) -> &mut dyn AnyChannel {
+        match self {
+            Self::Gradient(channel) => channel,
+            Self::Joint(channel) => channel,
+        }
+    }
+
+    fn gradient(&self) -> Option<&GradientLaw<3>> {
+        match self {
+            Self::Gradient(channel) => Some(channel.channel().law()),
+            Self::Joint(_) => None,
+        }
+    }
+
+    fn joint(&self) -> Option<&JointChannel<K>> {
+        match self {
+            Self::Gradient(_) => None,
+            Self::Joint(channel) => Some(channel),
+        }
+    }
+}
+
+/// The observer of a rigid body (Niu et al., §VI-A, §VI-B), with the paper's law or the joint filter.
 ///
 /// Samples go in with their stamps; estimates come out for any
 /// instant not before the newest sample.
@@ -123,8 +203,10 @@ impl RigidBodyEstimate {
 /// The same samples give the same estimates to the bit, whenever and however often estimates are requested.
 #[derive(Debug, Clone)]
 pub struct RigidBodyObserver {
-    translation: Option<Timeline<Body<Position>, 3>>,
-    rotation: Option<Timeline<Body<Attitude>, 3>>,
+    translation: Option<TranslationChannel>,
+    rotation: Option<RotationChannel>,
+    /// Deviation of an attitude fix (rad).
+    attitude_noise_rad: f64,
     initial_attitude: Option<UnitQuaternion<f64>>,
     position_fix_hold_ns: u64,
     attitude_fix_hold_ns: u64,
@@ -136,11 +218,11 @@ impl RigidBodyObserver {
     /// Builds the channels. Everything is allocated here.
     ///
     /// # Errors
-    /// As [`crate::BodyChannel::new`]; `Fix` where a fix's gain or hold is negative or not finite; `Channels` where
-    /// there is none.
+    /// As [`crate::BodyChannel::new`] and [`JointChannel::translation`]; `Fix` where a fix's gain or hold is negative or not
+    /// finite; `Channels` where there is none.
     pub fn new(
-        translation: Option<TranslationDesign>,
-        rotation: Option<RotationDesign>,
+        translation: Option<TranslationLaw>,
+        rotation: Option<RotationLaw>,
         initial: InitialState,
     ) -> Result<Self, DesignError> {
         if translation.is_none() && rotation.is_none() {
@@ -148,30 +230,48 @@ impl RigidBodyObserver {
             return Err(DesignError::new(Parameter::Channels, "neither".into(), needed));
         }
         let mut position_fix_hold_ns = 0;
-        let translation = translation.map(|design| {
-            position_fix_hold_ns = fix_hold_ns(design.position_fix_gain_per_s, design.position_fix_hold_s)?;
-            let l_r = design.velocity_error_to_position;
-            if !l_r.is_finite() {
-                return Err(DesignError::new(Parameter::Fix, l_r.to_string(), "a finite number"));
+        let translation = translation.map(|law| match law {
+            TranslationLaw::Gradient(design) => {
+                position_fix_hold_ns =
+                    fix_hold_ns(design.position_fix_gain_per_s, design.position_fix_hold_s)?;
+                let l_r = design.velocity_error_to_position;
+                if !l_r.is_finite() {
+                    return Err(DesignError::new(Parameter::Fix, l_r.to_string(), "a finite number"));
+                }
+                let position = Position::new(initial.position_m, l_r, design.position_fix_gain_per_s);
+                let known_force = KnownForce::Constant(design.known_force_n);
+                timeline(&design.channel, known_force, initial.velocity_m_s, position)
+                    .map(LawChannel::Gradient)
             }
-            let position = Position::new(initial.position_m, l_r, design.position_fix_gain_per_s);
-            let known_force = KnownForce::Constant(design.known_force_n);
-            timeline(&design.channel, known_force, initial.velocity_m_s, position)
+            TranslationLaw::Joint(design) => {
+                JointChannel::translation(&design, initial.velocity_m_s, initial.position_m)
+                    .map(LawChannel::Joint)
+            }
         });
-        let mut attitude_fix_hold_ns = 0;
-        let rotation = rotation.map(|design| {
-            attitude_fix_hold_ns = fix_hold_ns(design.attitude_fix_gain_per_s, design.attitude_fix_hold_s)?;
-            let attitude = Attitude::new(initial.attitude, design.attitude_fix_gain_per_s);
-            let known_force = match design.gyroscopic_torque {
-                GyroscopicTorque::Learned => KnownForce::Constant(Vector3::zeros()),
-                GyroscopicTorque::Feedforward => KnownForce::Gyroscopic(design.channel.inertia),
-            };
-            timeline(&design.channel, known_force, initial.angular_velocity_rad_s, attitude)
+        let (mut attitude_fix_hold_ns, mut attitude_noise_rad) = (0, 0.0);
+        let rotation = rotation.map(|law| match law {
+            RotationLaw::Gradient(design) => {
+                attitude_fix_hold_ns =
+                    fix_hold_ns(design.attitude_fix_gain_per_s, design.attitude_fix_hold_s)?;
+                let attitude = Attitude::new(initial.attitude, design.attitude_fix_gain_per_s);
+                let known_force = match design.gyroscopic_torque {
+                    GyroscopicTorque::Learned => KnownForce::Constant(Vector3::zeros()),
+                    GyroscopicTorque::Feedforward => KnownForce::Gyroscopic(design.channel.inertia),
+                };
+                timeline(&design.channel, known_force, initial.angular_velocity_rad_s, attitude)
+                    .map(LawChannel::Gradient)
+            }
+            RotationLaw::Joint(design) => {
+                attitude_noise_rad = design.attitude_noise_rad;
+                JointChannel::rotation(&design, initial.angular_velocity_rad_s, initial.attitude)
+                    .map(LawChannel::Joint)
+            }
         });
         let (translation, rotation) = (translation.transpose()?, rotation.transpose()?);
         Ok(Self {
             translation,
             rotation,
+            attitude_noise_rad,
             fixed_attitude: initial.attitude,
             initial_attitude: initial.attitude,
             position_fix_hold_ns,
@@ -180,90 +280,177 @@ impl RigidBodyObserver {
     }
 
     /// Takes one sample: each channel moves to its stamp, learns, and holds the sample's values. Returns which outputs were
-    /// outliers ([`crate::InnovationGate`]), by channel.
+    /// outliers ([`crate::InnovationGate`], or of the joint law), by channel.
     ///
     /// # Cost
     /// One evaluation of the features per channel with a new output; no allocation.
     pub fn accept(&mut self, sample: &Sample, learn: Learn) -> [bool; 3] {
-        let Learn { frozen, teaches } = learn;
-        let stamp_ns = sample.stamp_ns;
         let mut outliers = [false; 3];
-        let attitude_until_ns = stamp_ns.saturating_add(self.attitude_fix_hold_ns);
-        if let Some(rotation) = &mut self.rotation {
-            let teaches = teaches[ChannelName::Rotation as usize];
-            let measured = sample.angular_velocity_rad_s.map(|output| Measured { output, teaches });
-            outliers[ChannelName::Rotation as usize] =
-                rotation.accept(stamp_ns, measured, sample.torque_n_m, frozen, |state| {
-                    if let Some(fix) = &sample.attitude {
-                        state.pose.take_fix(fix, attitude_until_ns);
-                    }
-                });
-        }
+        outliers[ChannelName::Rotation as usize] = self.accept_rotation(sample, learn);
         self.fixed_attitude = sample.attitude.or(self.fixed_attitude);
-        let attitude = self.known_attitude_at(stamp_ns);
-        let position_until_ns = stamp_ns.saturating_add(self.position_fix_hold_ns);
-        if let Some(translation) = &mut self.translation {
-            let velocity = match sample.velocity {
-                Some(Velocity::Inertial(velocity)) => Some(velocity),
-                // Without an attitude its direction is unknown: it is not used.
-                Some(Velocity::Body(velocity)) => attitude.map(|attitude| attitude * velocity),
-                None => None,
-            };
-            let teaches = teaches[ChannelName::Translation as usize];
-            let measured = velocity.map(|output| Measured { output, teaches });
-            outliers[ChannelName::Translation as usize] =
-                translation.accept(stamp_ns, measured, sample.force_n, frozen, |state| {
-                    if let Some(fix) = &sample.position_m {
-                        state.pose.take_fix(fix, position_until_ns);
-                    }
-                });
-        }
+        outliers[ChannelName::Translation as usize] = self.accept_translation(sample, learn);
         outliers
+    }
+
+    fn accept_rotation(&mut self, sample: &Sample, Learn { frozen, teaches }: Learn) -> bool {
+        let teaches = teaches[ChannelName::Rotation as usize];
+        match &mut self.rotation {
+            None => false,
+            Some(LawChannel::Gradient(rotation)) => {
+                let measured = sample.angular_velocity_rad_s.map(|output| Measured { output, teaches });
+                let until_ns = sample.stamp_ns.saturating_add(self.attitude_fix_hold_ns);
+                rotation.accept(sample.stamp_ns, measured, sample.torque_n_m, frozen, |state| {
+                    if let Some(fix) = &sample.attitude {
+                        state.pose.take_fix(fix, until_ns);
+                    }
+                })
+            }
+            Some(LawChannel::Joint(rotation)) => {
+                let joint = JointSample {
+                    output: components(sample.angular_velocity_rad_s),
+                    command: sample.torque_n_m,
+                    ..JointSample::default()
+                };
+                let std_rad = [self.attitude_noise_rad; 3];
+                let take_fix =
+                    sample.attitude.map(|fix| move |pose: &mut AttitudeFilter| pose.take_fix(&fix, &std_rad));
+                let agreement =
+                    rotation.accept(sample.stamp_ns, &joint, what_teaches(teaches, frozen), take_fix);
+                agreement.is_some_and(|agreement| agreement.is_stray)
+            }
+        }
+    }
+
+    fn accept_translation(&mut self, sample: &Sample, Learn { frozen, teaches }: Learn) -> bool {
+        let teaches = teaches[ChannelName::Translation as usize];
+        // Without an attitude the direction of a body-fixed velocity is unknown: it is not used.
+        let turned = match sample.velocity {
+            Some(Velocity::Body(velocity)) => self
+                .known_attitude_at(sample.stamp_ns)
+                .map(|(attitude, std_rad)| (attitude * velocity, velocity.norm() * std_rad)),
+            _ => None,
+        };
+        let velocity = match sample.velocity {
+            Some(Velocity::Inertial(velocity)) => Some(velocity),
+            _ => turned.map(|(velocity, _)| velocity),
+        };
+        match &mut self.translation {
+            None => false,
+            Some(LawChannel::Gradient(translation)) => {
+                let measured = velocity.map(|output| Measured { output, teaches });
+                let until_ns = sample.stamp_ns.saturating_add(self.position_fix_hold_ns);
+                translation.accept(sample.stamp_ns, measured, sample.force_n, frozen, |state| {
+                    if let Some(fix) = &sample.position_m {
+                        state.pose.take_fix(fix, until_ns);
+                    }
+                })
+            }
+            Some(LawChannel::Joint(translation)) => {
+                // Body axes couple the inertial ones, which separate covariances cannot hold: the largest deviation, and
+                // that of the direction, on all axes.
+                let noise = translation.filter().design().noise;
+                let output_std = turned.map(|(_, from_tilt)| {
+                    let largest = noise.into_iter().fold(0.0, f64::max);
+                    [largest.hypot(from_tilt); 3]
+                });
+                let joint = JointSample {
+                    output: components(velocity),
+                    output_std,
+                    position: components(sample.position_m),
+                    command: sample.force_n,
+                    ..JointSample::default()
+                };
+                let agreement = translation.accept(
+                    sample.stamp_ns,
+                    &joint,
+                    what_teaches(teaches, frozen),
+                    None::<fn(&mut ())>,
+                );
+                agreement.is_some_and(|agreement| agreement.is_stray)
+            }
+        }
     }
 
     /// The estimate at `stamp_ns`, or at the newest sample where that is later.
     ///
     /// # Cost
-    /// Constant while outputs are held; one evaluation of the features per channel and coasting step
-    /// otherwise. No allocation.
+    /// Gradient law: constant while outputs are held; one evaluation of the features per channel and coasting step
+    /// otherwise. Joint law: [`JointChannel::estimate`]. No allocation.
     pub fn estimate(&mut self, stamp_ns: u64) -> RigidBodyEstimate {
-        let translation = self.translation.as_mut().map(|t| (t.predict(stamp_ns), t));
-        let (position_m, velocity_m_s, matched_force_n, translation) = match translation {
-            Some((at, timeline)) => {
-                let report = timeline.report(&at, stamp_ns);
-                (at.moment.state.pose.position, at.moment.state.rate, at.matched_force.value, Some(report))
-            }
-            None => Default::default(),
-        };
-        let rotation = self.rotation.as_mut().map(|r| (r.predict(stamp_ns), r));
-        let (attitude, angular_velocity_rad_s, matched_torque_n_m, rotation) = match rotation {
-            Some((at, timeline)) => {
-                let report = timeline.report(&at, stamp_ns);
-                (at.moment.state.pose.attitude, at.moment.state.rate, at.matched_force.value, Some(report))
-            }
-            None => (self.fixed_attitude.unwrap_or_default(), Vector3::zeros(), Vector3::zeros(), None),
-        };
-        RigidBodyEstimate {
+        let mut estimate = RigidBodyEstimate {
             stamp_ns,
-            position_m,
-            velocity_m_s,
-            attitude,
-            angular_velocity_rad_s,
-            matched_force_n,
-            matched_torque_n_m,
+            position_m: Vector3::zeros(),
+            velocity_m_s: Vector3::zeros(),
+            attitude: self.fixed_attitude.unwrap_or_default(),
+            angular_velocity_rad_s: Vector3::zeros(),
+            matched_force_n: Vector3::zeros(),
+            matched_torque_n_m: Vector3::zeros(),
             deviations: Deviations::UNKNOWN,
-            translation,
-            rotation,
+            translation: None,
+            rotation: None,
+        };
+        match &mut self.translation {
+            None => {}
+            Some(LawChannel::Gradient(timeline)) => {
+                let at = timeline.predict(stamp_ns);
+                estimate.translation = Some(timeline.report(&at, stamp_ns));
+                estimate.position_m = at.moment.state.pose.position;
+                estimate.velocity_m_s = at.moment.state.rate;
+                estimate.matched_force_n = at.matched_force.value;
+            }
+            Some(LawChannel::Joint(channel)) => {
+                let at = channel.estimate(stamp_ns);
+                estimate.translation = Some(at.report);
+                estimate.position_m = at.prediction.position.into();
+                estimate.velocity_m_s = at.prediction.velocity.into();
+                estimate.matched_force_n = at.matched_force;
+                if at.is_started {
+                    estimate.deviations.position_m = at.prediction.position_std;
+                    estimate.deviations.velocity_m_s = at.prediction.velocity_std;
+                    estimate.deviations.matched_force_n = at.matched_force_std;
+                }
+            }
         }
+        match &mut self.rotation {
+            None => {}
+            Some(LawChannel::Gradient(timeline)) => {
+                let at = timeline.predict(stamp_ns);
+                estimate.rotation = Some(timeline.report(&at, stamp_ns));
+                estimate.attitude = at.moment.state.pose.attitude;
+                estimate.angular_velocity_rad_s = at.moment.state.rate;
+                estimate.matched_torque_n_m = at.matched_force.value;
+            }
+            Some(LawChannel::Joint(channel)) => {
+                let at = channel.estimate(stamp_ns);
+                estimate.rotation = Some(at.report);
+                estimate.attitude = at.pose.attitude;
+                estimate.angular_velocity_rad_s = at.prediction.velocity.into();
+                estimate.matched_torque_n_m = at.matched_force;
+                if at.pose.is_known() {
+                    estimate.deviations.attitude_rad = at.pose.std_rad();
+                }
+                if at.is_started {
+                    estimate.deviations.angular_velocity_rad_s = at.prediction.velocity_std;
+                    estimate.deviations.matched_torque_n_m = at.matched_force_std;
+                }
+            }
+        }
+        estimate
     }
 
-    fn known_attitude_at(&mut self, stamp_ns: u64) -> Option<UnitQuaternion<f64>> {
+    /// The attitude at `stamp_ns`, and its largest deviation (rad), 0 where the law has none; `None` where it was never told.
+    fn known_attitude_at(&mut self, stamp_ns: u64) -> Option<(UnitQuaternion<f64>, f64)> {
         match &mut self.rotation {
-            Some(rotation) => {
+            Some(LawChannel::Gradient(rotation)) => {
                 let pose = rotation.predict(stamp_ns).moment.state.pose;
-                pose.is_known().then_some(pose.attitude)
+                pose.is_known().then_some((pose.attitude, 0.0))
             }
-            None => self.fixed_attitude,
+            Some(LawChannel::Joint(rotation)) => {
+                let pose = rotation.estimate(stamp_ns).pose;
+                let largest = pose.std_rad().into_iter().fold(0.0, f64::max);
+                pose.is_known().then_some((pose.attitude, largest))
+            }
+            None => self.fixed_attitude.map(|attitude| (attitude, 0.0)),
         }
     }
 
@@ -290,8 +477,8 @@ impl RigidBodyObserver {
     /// A channel, if it is there.
     pub fn channel(&self, name: ChannelName) -> Option<&dyn AnyChannel> {
         match name {
-            ChannelName::Translation => self.translation.as_ref().map(|channel| channel as &dyn AnyChannel),
-            ChannelName::Rotation => self.rotation.as_ref().map(|channel| channel as &dyn AnyChannel),
+            ChannelName::Translation => self.translation.as_ref().map(LawChannel::any),
+            ChannelName::Rotation => self.rotation.as_ref().map(LawChannel::any),
             ChannelName::Linear => None,
         }
     }
@@ -299,10 +486,8 @@ impl RigidBodyObserver {
     /// A channel, if it is there.
     pub fn channel_mut(&mut self, name: ChannelName) -> Option<&mut dyn AnyChannel> {
         match name {
-            ChannelName::Translation => {
-                self.translation.as_mut().map(|channel| channel as &mut dyn AnyChannel)
-            }
-            ChannelName::Rotation => self.rotation.as_mut().map(|channel| channel as &mut dyn AnyChannel),
+            ChannelName::Translation => self.translation.as_mut().map(LawChannel::any_mut),
+            ChannelName::Rotation => self.rotation.as_mut().map(LawChannel::any_mut),
             ChannelName::Linear => None,
         }
     }
@@ -317,15 +502,33 @@ impl RigidBodyObserver {
         self.fixed_attitude = attitude;
     }
 
-    /// The translation's law and f̂.
+    /// The translation's gradient law and f̂, if it has that law.
     pub fn translation(&self) -> Option<&GradientLaw<3>> {
-        self.translation.as_ref().map(|timeline| timeline.channel().law())
+        self.translation.as_ref().and_then(LawChannel::gradient)
     }
 
-    /// The rotation's law and f̂.
+    /// The rotation's gradient law and f̂, if it has that law.
     pub fn rotation(&self) -> Option<&GradientLaw<3>> {
-        self.rotation.as_ref().map(|timeline| timeline.channel().law())
+        self.rotation.as_ref().and_then(LawChannel::gradient)
     }
+
+    /// The translation with the joint law, if it has that law.
+    pub fn joint_translation(&self) -> Option<&JointChannel<()>> {
+        self.translation.as_ref().and_then(LawChannel::joint)
+    }
+
+    /// The rotation with the joint law, if it has that law.
+    pub fn joint_rotation(&self) -> Option<&JointChannel<AttitudeFilter>> {
+        self.rotation.as_ref().and_then(LawChannel::joint)
+    }
+}
+
+fn components(vector: Option<Vector3<f64>>) -> [Option<f64>; 3] {
+    std::array::from_fn(|axis| vector.map(|vector| vector[axis]))
+}
+
+fn what_teaches(teaches: bool, frozen: bool) -> Teaches {
+    if teaches && !frozen { Teaches::All } else { Teaches::State }
 }
 
 fn timeline<K: Kinematics>(

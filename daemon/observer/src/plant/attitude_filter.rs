@@ -2,20 +2,26 @@
 //! gyroscope's bias.
 //!
 //! ```text
-//! q = q̂ ⊗ exp(½ δθ),   b = b̂ + δb            δθ: rotation vector, body axes
-//! δθ' = −ω̂ × δθ − δb + n,   δb' = n_b          n: the deviation of ω̂
+//! q = q̂ ⊗ exp(½ δθ),   b = b̂ + δb,   ω + δb = ω̂ + δω         δθ: rotation vector, body axes
+//! δθ' = −ω̂ × δθ − δb + δω,   δb' = n_b
 //! ```
+//!
+//! The joint filter follows y − b̂, hence ω + δb, with the error δω. This error lasts longer than a step. Therefore its
+//! covariance C with the attitude's error is carried, too, and the innovation of a rate corrects the attitude as well.
 //!
 //! | symbol | name | shape | unit |
 //! |---|---|---|---|
 //! | q̂ | `attitude` | | body to inertial |
 //! | b̂ | `bias_rad_s` | 3 | rad/s |
-//! | P | `covariance` | 6×6 | rad², rad²/s, rad²/s² |
+//! | P, of (δθ, δb) | `covariance` | 6×6 | rad², rad²/s, rad²/s² |
+//! | C, of (δθ, δb) with δω | `rate_covariance` | 6×3 | rad²/s, rad²/s² |
 //!
 //! # Source
 //! Markley, F. L. (2003). Attitude error representations for Kalman filtering. J. Guidance, Control, and Dynamics 26(2).
+//! C is ours.
 
-use nalgebra::{Matrix3, Matrix6, Matrix6x3, UnitQuaternion, Vector3};
+use crate::law::joint::update::Agreement;
+use nalgebra::{Matrix3, Matrix6, Matrix6x3, UnitQuaternion, Vector3, Vector6};
 use serde::{Deserialize, Serialize};
 
 /// A fix further off than this many deviations counts as a noisier one.
@@ -23,18 +29,40 @@ const STRAY: f64 = 4.0;
 /// Deviation of an attitude that nobody told of (rad).
 const UNKNOWN_STD_RAD: f64 = std::f64::consts::PI;
 
+/// A step of the velocity from which a pose is integrated.
+#[derive(Debug, Clone, Copy)]
+pub struct PoseStep {
+    /// Its length (s).
+    pub h_s: f64,
+    /// The velocity at both ends (m/s; rad/s).
+    pub velocities: [Vector3<f64>; 2],
+    /// Its deviations there.
+    pub std: [[f64; 3]; 2],
+    /// Whether the velocity is predicted only: its error then grows along itself, from an error of the force that lasts.
+    pub is_coasting: bool,
+}
+
 /// What is integrated from the velocity beside the filter: an attitude, or nothing.
 pub trait JointPose: Copy {
-    /// The pose after a step of h, over which the velocity went from one to another with these deviations.
-    fn after(&self, velocities: (&Vector3<f64>, &Vector3<f64>), std: &[f64; 3], h_s: f64) -> Self;
+    /// The pose after a step.
+    fn after(&self, step: &PoseStep) -> Self;
+
+    /// What an output has too much.
+    fn output_bias(&self) -> Vector3<f64> {
+        Vector3::zeros()
+    }
+
+    /// Takes what an output told of the velocity, whose error correlates with the pose's.
+    fn take_innovations(&mut self, agreement: &Agreement);
 }
 
 /// The position is a row of the filter.
 impl JointPose for () {
-    fn after(&self, _: (&Vector3<f64>, &Vector3<f64>), _: &[f64; 3], _: f64) {}
+    fn after(&self, _: &PoseStep) {}
+    fn take_innovations(&mut self, _: &Agreement) {}
 }
 
-/// q̂, b̂ and P.
+/// q̂, b̂, P and C.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct AttitudeFilter {
     /// q̂, body to inertial.
@@ -42,6 +70,7 @@ pub struct AttitudeFilter {
     /// b̂, body axes (rad/s).
     pub bias_rad_s: Vector3<f64>,
     covariance: Matrix6<f64>,
+    rate_covariance: Matrix6x3<f64>,
     /// Variance per time of the bias's random walk ((rad/s)²/s); 0: the gyroscope has none.
     bias_density: f64,
     is_known: bool,
@@ -60,6 +89,7 @@ impl AttitudeFilter {
             attitude: start.unwrap_or_default(),
             bias_rad_s: Vector3::zeros(),
             covariance,
+            rate_covariance: Matrix6x3::zeros(),
             bias_density: bias_walk_rad_s_sqrt_s * bias_walk_rad_s_sqrt_s,
             is_known: start.is_some(),
         }
@@ -75,6 +105,11 @@ impl AttitudeFilter {
         std::array::from_fn(|axis| self.covariance[(axis, axis)].max(0.0).sqrt())
     }
 
+    /// 1 σ of the bias, body axes (rad/s).
+    pub fn bias_std_rad_s(&self) -> [f64; 3] {
+        std::array::from_fn(|axis| self.covariance[(axis + 3, axis + 3)].max(0.0).sqrt())
+    }
+
     /// Takes a fix of either sign with these deviations of its rotation vector, body axes (rad).
     ///
     /// `e = log(q̂⁻¹ ⊗ q_fix)`, H = (I 0), a Joseph update; then q̂ := q̂ ⊗ exp(½ δθ).
@@ -85,6 +120,7 @@ impl AttitudeFilter {
             self.covariance.fixed_view_mut::<3, 3>(0, 0).copy_from(&noise);
             self.covariance.fixed_view_mut::<3, 3>(0, 3).fill(0.0);
             self.covariance.fixed_view_mut::<3, 3>(3, 0).fill(0.0);
+            self.rate_covariance.fixed_view_mut::<3, 3>(0, 0).fill(0.0);
             return;
         }
         let error = (self.attitude.inverse() * fix).scaled_axis();
@@ -105,10 +141,14 @@ impl AttitudeFilter {
         measured -= gain;
         self.covariance =
             remaining * self.covariance * remaining.transpose() + gain * noise * gain.transpose();
+        self.rate_covariance = remaining * self.rate_covariance;
         self.symmetrize();
-        let correction = gain * error;
-        self.attitude *= UnitQuaternion::new(correction.fixed_rows::<3>(0).into_owned());
-        self.bias_rad_s += correction.fixed_rows::<3>(3);
+        self.correct(gain * error);
+    }
+
+    fn correct(&mut self, error: Vector6<f64>) {
+        self.attitude *= UnitQuaternion::new(error.fixed_rows::<3>(0).into_owned());
+        self.bias_rad_s += error.fixed_rows::<3>(3);
     }
 
     fn symmetrize(&mut self) {
@@ -122,25 +162,62 @@ impl AttitudeFilter {
 }
 
 impl JointPose for AttitudeFilter {
-    /// q̂ := q̂ ⊗ exp(½ h ω̄), ω̄ the mean of ω̂ over the step; P := Φ P Φᵀ + Q.
-    fn after(&self, (before, after): (&Vector3<f64>, &Vector3<f64>), std: &[f64; 3], h_s: f64) -> Self {
+    /// `q̂ := q̂ ⊗ exp(½ h ω̄)`, ω̄ the mean of ω̂ over the step, whose error is (δω + δω⁺)/2.
+    ///
+    /// With Φ of (δθ, δb) and J = (h, 0): `P := Φ P Φᵀ + Φ C Jᵀ + J Cᵀ Φᵀ + J var(ω̄) Jᵀ`, `C := Φ C + J cov(ω̄, δω⁺)`. Between
+    /// outputs δω⁺ is δω and something new; in a coast it is δω σ⁺/σ.
+    fn after(&self, step: &PoseStep) -> Self {
+        let h_s = step.h_s;
         if h_s == 0.0 {
             return *self;
         }
         let mut next = *self;
-        let turn = UnitQuaternion::new(0.5 * h_s * (before + after));
+        let turn = UnitQuaternion::new(0.5 * h_s * (step.velocities[0] + step.velocities[1]));
         next.attitude *= turn;
+        next.attitude.renormalize_fast();
         let mut transition = Matrix6::identity();
         let turned = turn.inverse().to_rotation_matrix();
         transition.fixed_view_mut::<3, 3>(0, 0).copy_from(turned.matrix());
         transition.fixed_view_mut::<3, 3>(0, 3).copy_from(&(-h_s * Matrix3::identity()));
         next.covariance = transition * self.covariance * transition.transpose();
-        for (axis, std) in std.iter().enumerate() {
-            next.covariance[(axis, axis)] += (std * h_s) * (std * h_s);
+        next.rate_covariance = transition * self.rate_covariance;
+        for axis in 0..3 {
+            let [before, after] = step.std.map(|std| std[axis] * std[axis]);
+            // δω⁺ = along δω + something new; ω̄ has `of_before` δω.
+            let along = if step.is_coasting && before > 0.0 { (after / before).sqrt() } else { 1.0 };
+            let fresh = (after - along * along * before).max(0.0);
+            let of_before = 0.5 * (1.0 + along);
+            let mean_variance = of_before * of_before * before + 0.25 * fresh;
+            for i in 0..6 {
+                let cross = h_s * of_before * next.rate_covariance[(i, axis)];
+                next.covariance[(i, axis)] += cross;
+                next.covariance[(axis, i)] += cross;
+                next.rate_covariance[(i, axis)] *= along;
+            }
+            next.covariance[(axis, axis)] += h_s * h_s * mean_variance;
+            next.rate_covariance[(axis, axis)] += h_s * (along * of_before * before + 0.5 * fresh);
             next.covariance[(axis + 3, axis + 3)] += self.bias_density * h_s;
         }
         next.symmetrize();
         next
+    }
+
+    fn output_bias(&self) -> Vector3<f64> {
+        self.bias_rad_s
+    }
+
+    /// δω is known to correlate with (δθ, δb): `(δθ, δb) += C S⁻¹ e`, `P −= C S⁻¹ Cᵀ`, `C := C (1 − K)`.
+    fn take_innovations(&mut self, agreement: &Agreement) {
+        let Agreement { innovation, variance, gain, .. } = agreement;
+        let mut correction = Vector6::zeros();
+        for axis in 0..3 {
+            let cross = self.rate_covariance.column(axis).into_owned();
+            correction += cross * (innovation[axis] / variance[axis]);
+            self.covariance -= cross * cross.transpose() / variance[axis];
+            self.rate_covariance.set_column(axis, &(cross * (1.0 - gain[axis])));
+        }
+        self.symmetrize();
+        self.correct(correction);
     }
 }
 
@@ -180,7 +257,14 @@ mod tests {
                 let noise = Vector3::from_fn(|_, _| rate_std * normal());
                 let measured = rate + bias + noise - filter.bias_rad_s;
                 truth *= UnitQuaternion::new(h * rate);
-                filter = filter.after((&measured, &measured), &[rate_std; 3], h);
+                let step = PoseStep {
+                    h_s: h,
+                    velocities: [measured; 2],
+                    std: [[rate_std; 3]; 2],
+                    is_coasting: false,
+                };
+                filter.rate_covariance.fill(0.0);
+                filter = filter.after(&step);
             }
             let error = (filter.attitude.inverse() * truth).scaled_axis();
             let both = nalgebra::Vector6::from_iterator(

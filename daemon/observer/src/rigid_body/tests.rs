@@ -43,7 +43,8 @@ fn rotation(gyroscopic_torque: GyroscopicTorque) -> RotationDesign {
 
 fn both() -> RigidBodyObserver {
     let rotation = rotation(GyroscopicTorque::Learned);
-    RigidBodyObserver::new(Some(translation([0.0; 3])), Some(rotation), InitialState::default()).unwrap()
+    RigidBodyObserver::new(Some(translation([0.0; 3]).into()), Some(rotation.into()), InitialState::default())
+        .unwrap()
 }
 
 fn feed(observer: &mut RigidBodyObserver, samples: &[Sample]) {
@@ -199,7 +200,7 @@ fn the_time_line_steps_the_law_over_the_true_time() {
     let design = translation([0.0; 3]);
     let mut law = BodyChannel::new(&design.channel).unwrap();
     let initial = InitialState { velocity_m_s: Some(Vector3::zeros()), ..InitialState::default() };
-    let mut observer = RigidBodyObserver::new(Some(design), None, initial).unwrap();
+    let mut observer = RigidBodyObserver::new(Some(design.into()), None, initial).unwrap();
     let mut stamp_ns = START_NS;
     for j in 0..500_u64 {
         let y = Vector3::new((j as f64 * 0.01).sin(), 0.5, -0.2);
@@ -218,7 +219,8 @@ fn the_time_line_steps_the_law_over_the_true_time() {
 #[test]
 fn a_silent_sensor_means_coasting_from_the_end_of_the_hold() {
     let mut observer =
-        RigidBodyObserver::new(Some(translation([0.0, 0.0, 19.62])), None, InitialState::default()).unwrap();
+        RigidBodyObserver::new(Some(translation([0.0, 0.0, 19.62]).into()), None, InitialState::default())
+            .unwrap();
     let velocity = Some(Velocity::Inertial(Vector3::new(1.0, 0.0, 0.0)));
     let position_m = Some(Vector3::new(10.0, 20.0, 30.0));
     observer.accept(&Sample { stamp_ns: START_NS, velocity, position_m, ..Sample::default() }, Learn::ALL);
@@ -241,7 +243,8 @@ fn a_silent_sensor_means_coasting_from_the_end_of_the_hold() {
 fn what_was_learned_makes_coasting_better() {
     let coast_error = |frozen: bool| {
         let mut observer =
-            RigidBodyObserver::new(Some(translation([0.0; 3])), None, InitialState::default()).unwrap();
+            RigidBodyObserver::new(Some(translation([0.0; 3]).into()), None, InitialState::default())
+                .unwrap();
         let learn = if frozen { Learn::FROZEN } else { Learn::ALL };
         let (mut v, mut stamp_ns) = (1.5_f64, START_NS);
         let push = |t: f64| 2.0 + (0.8 * t).sin();
@@ -267,9 +270,12 @@ fn what_was_learned_makes_coasting_better() {
 
 #[test]
 fn a_constant_turn_is_integrated_exactly() {
-    let mut observer =
-        RigidBodyObserver::new(None, Some(rotation(GyroscopicTorque::Learned)), InitialState::default())
-            .unwrap();
+    let mut observer = RigidBodyObserver::new(
+        None,
+        Some(rotation(GyroscopicTorque::Learned).into()),
+        InitialState::default(),
+    )
+    .unwrap();
     let omega = Vector3::new(0.0, 0.0, 1.5);
     for j in 0..=2000 {
         let stamp_ns = START_NS + j * PERIOD_NS;
@@ -292,7 +298,7 @@ fn the_gyroscopic_feedforward_coasts_a_torque_free_body() {
     let initial =
         InitialState { angular_velocity_rad_s: Some(Vector3::new(1.0, 0.2, -0.5)), ..Default::default() };
     let mut observer =
-        RigidBodyObserver::new(None, Some(rotation(GyroscopicTorque::Feedforward)), initial).unwrap();
+        RigidBodyObserver::new(None, Some(rotation(GyroscopicTorque::Feedforward).into()), initial).unwrap();
     let omega = initial.angular_velocity_rad_s.unwrap();
     observer.accept(
         &Sample { stamp_ns: START_NS, angular_velocity_rad_s: Some(omega), ..Sample::default() },
@@ -321,7 +327,7 @@ fn the_time_line_coasts_on_what_the_last_output_taught() {
     let design = translation([0.0; 3]);
     let mut law = BodyChannel::new(&design.channel).unwrap();
     let initial = InitialState { velocity_m_s: Some(Vector3::zeros()), ..InitialState::default() };
-    let mut observer = RigidBodyObserver::new(Some(design), None, initial).unwrap();
+    let mut observer = RigidBodyObserver::new(Some(design.into()), None, initial).unwrap();
     let (y, u) = (Vector3::new(0.5, -0.4, 0.3), Vector3::new(0.1, 0.2, 0.3));
     let sample = Sample {
         stamp_ns: START_NS,
@@ -360,7 +366,8 @@ fn fixes_pull_position_and_attitude_exponentially() {
     for sign in [1.0, -1.0] {
         let rotation = rotation(GyroscopicTorque::Learned);
         let mut observer =
-            RigidBodyObserver::new(Some(translation([0.0; 3])), Some(rotation), initial).unwrap();
+            RigidBodyObserver::new(Some(translation([0.0; 3]).into()), Some(rotation.into()), initial)
+                .unwrap();
         let still = Sample {
             velocity: Some(Velocity::Inertial(Vector3::zeros())),
             angular_velocity_rad_s: Some(Vector3::zeros()),
@@ -382,8 +389,12 @@ fn fixes_pull_position_and_attitude_exponentially() {
 fn a_body_velocity_is_turned_into_the_inertial_frame() {
     let quarter = UnitQuaternion::new(Vector3::new(0.0, 0.0, std::f64::consts::FRAC_PI_2));
     for rotation in [Some(rotation(GyroscopicTorque::Learned)), None] {
-        let mut observer =
-            RigidBodyObserver::new(Some(translation([0.0; 3])), rotation, InitialState::default()).unwrap();
+        let mut observer = RigidBodyObserver::new(
+            Some(translation([0.0; 3]).into()),
+            rotation.map(Into::into),
+            InitialState::default(),
+        )
+        .unwrap();
         observer.accept(
             &Sample {
                 stamp_ns: START_NS,

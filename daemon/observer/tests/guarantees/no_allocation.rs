@@ -37,7 +37,9 @@ fn an_observer_allocates_nothing_after_construction(solver: Solver) {
     };
     let mut observer = None;
     let construction = measure(|| {
-        observer = RigidBodyObserver::new(Some(translation), Some(rotation), InitialState::default()).ok();
+        observer =
+            RigidBodyObserver::new(Some(translation.into()), Some(rotation.into()), InitialState::default())
+                .ok();
     });
     assert!(construction.count_total > 0, "the counter counts");
     let mut observer = observer.unwrap();

@@ -68,40 +68,43 @@ pub struct ExcitationDesign {
 
 impl JointDesign {
     pub(crate) fn check(&self) -> Result<(), DesignError> {
-        let prior = &self.prior;
+        let (prior, excitation) = (&self.prior, &self.excitation);
         let positive = [
-            (Parameter::Noise, "noise", self.noise[0]),
-            (Parameter::Noise, "noise", self.noise[1]),
-            (Parameter::Noise, "noise", self.noise[2]),
-            (Parameter::Noise, "position noise", self.position_noise.unwrap_or(1.0)),
-            (Parameter::Memory, "motion memory", self.motion_memory_s),
-            (Parameter::Memory, "input memory", self.input_memory_s),
-            (Parameter::Memory, "time of the disturbance", self.disturbance_time_s),
-            (Parameter::Memory, "lag", self.lags_s[0]),
-            (Parameter::Memory, "lag", self.lags_s[1]),
-            (Parameter::Excitation, "mean time", self.excitation.mean_time_s),
-            (Parameter::Excitation, "variation time", self.excitation.variation_time_s),
+            ("noise", self.noise[0]),
+            ("noise", self.noise[1]),
+            ("noise", self.noise[2]),
+            ("position_noise", self.position_noise.unwrap_or(1.0)),
+            ("motion_memory_s", self.motion_memory_s),
+            ("input_memory_s", self.input_memory_s),
+            ("disturbance_time_s", self.disturbance_time_s),
+            ("lags_s", self.lags_s[0]),
+            ("lags_s", self.lags_s[1]),
+            ("mean_time_s", excitation.mean_time_s),
+            ("variation_time_s", excitation.variation_time_s),
         ];
-        for (parameter, name, value) in positive {
-            if !(value.is_finite() && value > 0.0) {
-                return Err(DesignError::new(parameter, format!("{name} {value}"), "a finite number > 0"));
+        for (name, value) in positive {
+            // A square or a reciprocal that is not finite, or zero, is no number to compute with.
+            if !((1e-100..=1e100).contains(&value)) {
+                let needed = "a number > 0, from 1e-100 to 1e100";
+                return Err(DesignError::new(Parameter::Joint(name), value.to_string(), needed));
             }
         }
         let sizes = [
-            (Parameter::Prior, "bias deviation", prior.bias),
-            (Parameter::Prior, "linear deviation", prior.linear),
-            (Parameter::Prior, "kernel deviation", prior.kernel),
-            (Parameter::Prior, "input deviation", prior.input),
-            (Parameter::Prior, "lag deviation", prior.lag),
-            (Parameter::Prior, "disturbance deviation", prior.disturbance),
-            (Parameter::Noise, "process noise", self.process_noise),
-            (Parameter::Noise, "samples of noise adaptation", self.noise_samples),
-            (Parameter::Excitation, "share of the corrections", self.excitation.correction_share),
-            (Parameter::Excitation, "idle rate", self.excitation.idle_rate),
+            ("bias", prior.bias),
+            ("linear", prior.linear),
+            ("kernel", prior.kernel),
+            ("input", prior.input),
+            ("lag", prior.lag),
+            ("disturbance", prior.disturbance),
+            ("process_noise", self.process_noise),
+            ("noise_samples", self.noise_samples),
+            ("correction_share", excitation.correction_share),
+            ("idle_rate", excitation.idle_rate),
         ];
-        for (parameter, name, value) in sizes {
-            if !(value.is_finite() && value >= 0.0) {
-                return Err(DesignError::new(parameter, format!("{name} {value}"), "a finite number ≥ 0"));
+        for (name, value) in sizes {
+            if !((0.0..=1e100).contains(&value)) {
+                let needed = "a number ≥ 0, at most 1e100";
+                return Err(DesignError::new(Parameter::Joint(name), value.to_string(), needed));
             }
         }
         if self.centers.dimension() != 3 {

@@ -33,6 +33,11 @@ impl Excitation {
         Self { mean: vec![0.0; n_padded], variation: 0.0, teaching: 1.0, is_started: false }
     }
 
+    pub(crate) fn clear(&mut self) {
+        self.mean.fill(0.0);
+        (self.variation, self.teaching, self.is_started) = (0.0, 1.0, false);
+    }
+
     pub(crate) fn copy_from(&mut self, other: &Self) {
         self.mean.copy_from_slice(&other.mean);
         (self.variation, self.teaching, self.is_started) =

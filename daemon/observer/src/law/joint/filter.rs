@@ -1,14 +1,11 @@
 //! The filter: constants of a design, and what a step works in.
 
-use super::command::CommandStatistics;
 use super::covariance::Covariance;
 use super::design::JointDesign;
 use super::excitation::Excitation;
 use super::lags::Lags;
-use super::noise_levels::NoiseLevels;
 use super::rows::{DISTURBANCE, KERNEL, POSITION, VELOCITY, WEIGHTS};
 use super::state::{JointScalars, JointState};
-use super::stray::StraySamples;
 use super::teaches::Teaches;
 use crate::error::DesignError;
 use crate::space::factors::lanes::{VectorUnit, whole_lanes};
@@ -21,10 +18,12 @@ pub struct JointFilter {
     pub(super) design: JointDesign,
     pub(super) unit: VectorUnit,
     /// Rows in use, and rows up to whole lanes.
-    pub(super) n: usize,
+    pub(crate) n: usize,
     pub(super) n_padded: usize,
     /// 1/T_k, 0 for the position's row and for what fills up.
     pub(super) rates_per_s: Vec<f64>,
+    /// Diagonal of P before the first output: σ_d², and 1 of the weights.
+    prior_variances: Vec<f64>,
     /// Center and largest half-width of the box: the scale of the linear rows.
     pub(super) box_center: [f64; 3],
     pub(super) largest_half_width: f64,
@@ -62,6 +61,10 @@ impl JointFilter {
         rates_per_s[WEIGHTS..WEIGHTS + 4].fill(design.motion_memory_s.recip());
         rates_per_s[WEIGHTS + 4..POSITION].fill(design.input_memory_s.recip());
         rates_per_s[KERNEL..n].fill(design.motion_memory_s.recip());
+        let mut prior_variances = vec![0.0; n_padded];
+        prior_variances[WEIGHTS..POSITION].fill(1.0);
+        prior_variances[KERNEL..n].fill(1.0);
+        prior_variances[DISTURBANCE] = design.prior.disturbance * design.prior.disturbance;
         let (lower, upper) = design.centers.bounding_box();
         let half_widths = (0..3).map(|axis| 0.5 * (upper[axis] - lower[axis]));
         let vector = || vec![0.0; n_padded];
@@ -70,6 +73,7 @@ impl JointFilter {
             n,
             n_padded,
             rates_per_s,
+            prior_variances,
             box_center: std::array::from_fn(|axis| 0.5 * (upper[axis] + lower[axis])),
             largest_half_width: half_widths.fold(0.0, f64::max),
             scales: Scales { h_s: 0.0, weights_stay: false, factors: vec![1.0; n_padded] },
@@ -87,27 +91,24 @@ impl JointFilter {
 
     /// A state before the first output: nothing learned.
     pub fn new_state(&self) -> JointState {
-        let mut variances = vec![0.0; self.n_padded];
-        variances[WEIGHTS..POSITION].fill(1.0);
-        variances[KERNEL..self.n].fill(1.0);
-        variances[DISTURBANCE] = self.design.prior.disturbance * self.design.prior.disturbance;
-        let mut prior = Covariance::zero(self.n);
-        prior.set_diagonal(&variances);
-        JointState {
+        let mut state = JointState {
             mean: std::array::from_fn(|_| vec![0.0; self.n_padded]),
-            covariances: std::array::from_fn(|_| prior.clone()),
+            covariances: std::array::from_fn(|_| Covariance::zero(self.n)),
             excitation: Excitation::new(self.n_padded),
-            scalars: JointScalars {
-                is_started: false,
-                is_shared: true,
-                stray_velocities: StraySamples::default(),
-                stray_positions: StraySamples::default(),
-                position_is_known: [false; 3],
-                noise_levels: NoiseLevels::configured(),
-                lags: Lags::unknown(),
-                command: CommandStatistics::unknown(),
-            },
+            scalars: JointScalars::new(),
+        };
+        self.clear(&mut state);
+        state
+    }
+
+    /// Becomes a state before the first output again: nothing learned. No allocation.
+    pub(crate) fn clear(&self, state: &mut JointState) {
+        for (mean, covariance) in state.mean.iter_mut().zip(&mut state.covariances) {
+            mean.fill(0.0);
+            covariance.set_diagonal(&self.prior_variances);
         }
+        state.excitation.clear();
+        state.scalars = JointScalars::new();
     }
 
     /// Forgets velocity, disturbance and position, not the weights: begins again with the next velocity. No allocation.
@@ -125,6 +126,23 @@ impl JointFilter {
         state.scalars.is_started = false;
         state.scalars.position_is_known = [false; 3];
         state.scalars.lags = Lags::unknown();
+    }
+
+    /// Takes what was learned on another day: `P_θθ := 0.9 P_θθ + 0.1 I`, or it would be too sure of itself. Velocity,
+    /// disturbance and position begin anew. No allocation.
+    pub fn doubt(&mut self, state: &mut JointState) {
+        let [first, second, third] = &state.covariances;
+        state.scalars.is_shared = first == second && second == third;
+        let weights = || (WEIGHTS..POSITION).chain(KERNEL..self.n);
+        for covariance in &mut state.covariances {
+            for i in weights() {
+                for j in weights().take_while(|&j| j <= i) {
+                    let of_prior = if i == j { 1.0 } else { 0.0 };
+                    covariance.set(i, j, 0.9 * covariance.at(i, j) + 0.1 * of_prior);
+                }
+            }
+        }
+        self.restart(state);
     }
 
     /// n: velocity, disturbance, weights, and the position where there is one.

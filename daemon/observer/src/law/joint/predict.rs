@@ -79,13 +79,14 @@ impl JointFilter {
         command: &[f64; 3],
         known: &[f64; 3],
         gap_s: f64,
+        teaches: Teaches,
     ) -> LearnedAcceleration {
         let mut lags = state.scalars.lags;
         let differences = lags.advance(h_s, command, &self.design.lags_s);
         // They start anew with the next command.
         state.scalars.lags = Lags::unknown();
         let uncovered = self.evaluate_features(&state.velocity(), command, &differences);
-        let learned = self.advance(state, h_s, (command, known), uncovered, Teaches::All);
+        let learned = self.advance(state, h_s, (command, known), uncovered, teaches);
         let end_s = gap_s + h_s;
         let variance = state.scalars.command.variance * (end_s * end_s - gap_s * gap_s);
         for covariance in state.covariances_in_use_mut() {

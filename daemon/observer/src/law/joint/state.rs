@@ -7,6 +7,7 @@ use super::lags::Lags;
 use super::noise_levels::NoiseLevels;
 use super::rows::{KERNEL, POSITION, VELOCITY, WEIGHTS};
 use super::stray::StraySamples;
+use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
 /// All that the filter's future depends on.
@@ -29,7 +30,8 @@ pub(crate) struct JointScalars {
     /// Whether one covariance stands for all axes.
     pub(crate) is_shared: bool,
     pub(crate) stray_velocities: StraySamples,
-    pub(crate) stray_positions: StraySamples,
+    /// One for each component: they are gated one by one.
+    pub(crate) stray_positions: [StraySamples; 3],
     /// Components of the position that a fix has set.
     pub(crate) position_is_known: [bool; 3],
     pub(crate) noise_levels: NoiseLevels,
@@ -37,7 +39,32 @@ pub(crate) struct JointScalars {
     pub(crate) command: CommandStatistics,
 }
 
+impl JointScalars {
+    pub(crate) fn new() -> Self {
+        Self {
+            is_started: false,
+            is_shared: true,
+            stray_velocities: StraySamples::default(),
+            stray_positions: [StraySamples::default(); 3],
+            position_is_known: [false; 3],
+            noise_levels: NoiseLevels::configured(),
+            lags: Lags::unknown(),
+            command: CommandStatistics::unknown(),
+        }
+    }
+}
+
 impl JointState {
+    /// Velocity (m/s; rad/s) and position (m) before the first output, where they are known. The first output replaces the
+    /// velocity.
+    pub(crate) fn set_motion(&mut self, velocity: Option<Vector3<f64>>, position: Option<Vector3<f64>>) {
+        for axis in 0..3 {
+            self.mean[axis][VELOCITY] = velocity.map_or(0.0, |velocity| velocity[axis]);
+            self.mean[axis][POSITION] = position.map_or(0.0, |position| position[axis]);
+        }
+        self.scalars.position_is_known = [position.is_some(); 3];
+    }
+
     /// Becomes equal to another state of the same filter. No allocation.
     pub fn copy_from(&mut self, other: &Self) {
         for (own, other) in self.mean.iter_mut().zip(&other.mean) {
@@ -49,6 +76,43 @@ impl JointState {
         }
         self.excitation.copy_from(&other.excitation);
         self.scalars = other.scalars;
+    }
+
+    /// How many numbers [`JointState::write`] writes, of n rows.
+    pub(crate) fn n_numbers(n: usize) -> usize {
+        3 * n + 3 * (n * (n + 1) / 2) + n
+    }
+
+    /// X, the lower triangle of each axis's P, and ψ̄. No allocation.
+    pub(crate) fn write(&self, n: usize, numbers: &mut [f64]) {
+        let mut rest = numbers;
+        let mut put = |values: &[f64]| {
+            let (own, others) = std::mem::take(&mut rest).split_at_mut(values.len());
+            own.copy_from_slice(values);
+            rest = others;
+        };
+        self.mean.iter().for_each(|mean| put(&mean[..n]));
+        for axis in 0..3 {
+            (0..n).for_each(|i| put(&self.covariance(axis).row(i)[..=i]));
+        }
+        put(&self.excitation.mean[..n]);
+    }
+
+    /// Takes over what another state of the same filter has written. No allocation.
+    pub(crate) fn read(&mut self, n: usize, numbers: &[f64]) {
+        let mut rest = numbers;
+        let mut take = |length: usize| {
+            let (own, others) = rest.split_at(length);
+            rest = others;
+            own
+        };
+        self.mean.iter_mut().for_each(|mean| mean[..n].copy_from_slice(take(n)));
+        for covariance in &mut self.covariances {
+            for i in 0..n {
+                take(i + 1).iter().enumerate().for_each(|(j, &value)| covariance.set(i, j, value));
+            }
+        }
+        self.excitation.mean[..n].copy_from_slice(take(n));
     }
 
     /// P of one axis.

@@ -22,6 +22,34 @@ pub struct Agreement {
     pub nis: f64,
     /// Whether ζ > 4.
     pub is_stray: bool,
+    /// e; 0 where an axis was not measured.
+    pub innovation: [f64; 3],
+    /// S_w; +∞ where an axis was not measured.
+    pub variance: [f64; 3],
+    /// P_00/S_w; 0 where an axis was not measured.
+    pub gain: [f64; 3],
+}
+
+impl Agreement {
+    fn of(innovations: &[Option<Innovation>; 3], nis: f64, weighing: Weighing) -> Self {
+        let variance = innovations.map(|innovation| {
+            innovation.map_or(f64::INFINITY, |i| (i.variance + weighing.surprise) * weighing.factor)
+        });
+        Self {
+            nis,
+            is_stray: nis > STRAY * STRAY,
+            innovation: innovations.map(|innovation| innovation.map_or(0.0, |i| i.value)),
+            variance,
+            gain: std::array::from_fn(|axis| {
+                innovations[axis].map_or(0.0, |i| (i.prior_variance + weighing.surprise) / variance[axis])
+            }),
+        }
+    }
+
+    /// ‖e‖.
+    pub fn output_error(&self) -> f64 {
+        self.innovation.iter().map(|e| e * e).sum::<f64>().sqrt()
+    }
 }
 
 impl JointFilter {
@@ -39,7 +67,7 @@ impl JointFilter {
         teaches: Teaches,
     ) -> Option<Agreement> {
         velocity.iter().flatten().next()?;
-        separate_axes(state, velocity, deviations);
+        separate_axes(state, !are_alike(velocity, deviations));
         if !state.scalars.is_started {
             state.scalars.is_started = true;
             for axis in 0..3 {
@@ -59,11 +87,12 @@ impl JointFilter {
         let adaptation = (since_s, self.design.noise_samples, self.design.excitation.correction_share);
         state.scalars.noise_levels.follow(&innovations, nis, adaptation);
         let is_new = state.scalars.stray_velocities.count(nis);
-        self.update_row(state, VELOCITY, &innovations, Weighing::of(&innovations, nis, is_new), teaches);
-        Some(Agreement { nis, is_stray: nis > STRAY * STRAY })
+        let weighing = Weighing::of(&innovations, nis, is_new);
+        self.update_row(state, VELOCITY, &innovations, weighing, teaches);
+        Some(Agreement::of(&innovations, nis, weighing))
     }
 
-    /// Takes a position fix, any of its components; the first one of a component sets it.
+    /// Takes a position fix, any of its components, each on its own; the first one of a component sets it.
     ///
     /// # Cost
     /// As [`JointFilter::update_velocity`].
@@ -75,7 +104,7 @@ impl JointFilter {
         teaches: Teaches,
     ) -> Option<Agreement> {
         position.iter().flatten().next()?;
-        separate_axes(state, position, deviations);
+        separate_axes(state, !are_alike(position, deviations));
         for axis in 0..3 {
             let Some(fix) = position[axis].filter(|_| !state.scalars.position_is_known[axis]) else {
                 continue;
@@ -88,14 +117,28 @@ impl JointFilter {
             covariance.set_cross(POSITION, &self.column);
         }
         let noise = state.scalars.noise_levels.position;
-        let innovations = innovations(state, POSITION, position, deviations, noise);
-        let nis = mean_of(&innovations, Innovation::normalized_square);
-        for innovation in innovations.iter().flatten() {
+        let found = innovations(state, POSITION, position, deviations, noise);
+        if found.iter().flatten().any(|i| i.normalized_square() > STRAY * STRAY) {
+            separate_axes(state, true);
+        }
+        let nis = mean_of(&found, Innovation::normalized_square);
+        if state.scalars.is_shared {
+            state.scalars.stray_positions = Default::default();
+            self.update_row(state, POSITION, &found, Weighing::NONE, teaches);
+        } else {
+            for axis in 0..3 {
+                let mut one = [None; 3];
+                one[axis] = found[axis];
+                let Some(innovation) = one[axis] else { continue };
+                let nis = innovation.normalized_square();
+                let is_new = state.scalars.stray_positions[axis].count(nis);
+                self.update_row(state, POSITION, &one, Weighing::of(&one, nis, is_new), teaches);
+            }
+        }
+        for innovation in found.iter().flatten() {
             state.scalars.noise_levels.follow_position(innovation, self.design.noise_samples);
         }
-        let is_new = state.scalars.stray_positions.count(nis);
-        self.update_row(state, POSITION, &innovations, Weighing::of(&innovations, nis, is_new), teaches);
-        Some(Agreement { nis, is_stray: nis > STRAY * STRAY })
+        Some(Agreement::of(&found, nis, Weighing::NONE))
     }
 
     fn update_row(
@@ -184,6 +227,9 @@ struct Weighing {
 }
 
 impl Weighing {
+    /// As it stands.
+    const NONE: Self = Self { factor: 1.0, surprise: 0.0 };
+
     fn of(innovations: &[Option<Innovation>; 3], nis: f64, is_new: bool) -> Self {
         match is_new {
             true => Self { factor: 1.0, surprise: mean_of(innovations, |i| i.value * i.value) },
@@ -192,9 +238,13 @@ impl Weighing {
     }
 }
 
-/// Gives each axis a covariance of its own where their noises or validities begin to differ. No allocation.
-fn separate_axes(state: &mut JointState, measured: &[Option<f64>; 3], deviations: &[f64; 3]) {
-    let differ = measured.iter().any(Option::is_none) || deviations.iter().any(|r| *r != deviations[0]);
+/// Whether the axes were measured alike, so that they may share a covariance.
+fn are_alike(measured: &[Option<f64>; 3], deviations: &[f64; 3]) -> bool {
+    measured.iter().all(Option::is_some) && deviations.iter().all(|r| *r == deviations[0])
+}
+
+/// Gives each axis a covariance of its own where they begin to differ. No allocation.
+fn separate_axes(state: &mut JointState, differ: bool) {
     if state.scalars.is_shared && differ {
         let [shared, others @ ..] = &mut state.covariances;
         others.iter_mut().for_each(|covariance| covariance.copy_from(shared));

@@ -1,0 +1,287 @@
+use super::*;
+use crate::PriorDeviations;
+use crate::law::joint::tests::paper_design;
+use crate::{Centers, LengthScale};
+
+const PERIOD_NS: u64 = 5_000_000;
+const NOISE_M_S: f64 = 0.05;
+const MASS_KG: f64 = 2.0;
+
+fn design() -> JointChannelDesign {
+    let filter = JointDesign {
+        length_scale: LengthScale::Isotropic(4.0),
+        centers: Centers::lattice([-4.0; 3], [4.0; 3], [3; 3]).unwrap(),
+        noise: [NOISE_M_S; 3],
+        ..paper_design()
+    };
+    JointChannelDesign { filter, inertia: Matrix3::identity() * MASS_KG, hold_s: 0.0075 }
+}
+
+fn channel() -> JointChannel<()> {
+    let design = JointTranslationDesign { channel: design(), known_force_n: Vector3::zeros() };
+    JointChannel::translation(&design, None, None).unwrap()
+}
+
+struct Random(u64);
+
+impl Random {
+    fn normal(&mut self) -> f64 {
+        let uniform = |seed: &mut u64| {
+            *seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            (*seed >> 11) as f64 / (1_u64 << 53) as f64
+        };
+        (0..12).map(|_| uniform(&mut self.0)).sum::<f64>() - 6.0
+    }
+}
+
+/// A vehicle that holds a moving reference against a drag and a wind that it was not told of.
+struct Flight {
+    random: Random,
+    velocity: Vector3<f64>,
+    gust: Vector3<f64>,
+    phases: Vector3<f64>,
+}
+
+impl Flight {
+    fn new(seed: u64) -> Self {
+        let mut random = Random(seed);
+        let phases = Vector3::from_fn(|_, _| 3.0 * random.normal());
+        Self { random, velocity: Vector3::zeros(), gust: Vector3::zeros(), phases }
+    }
+
+    fn unknown_n(&self) -> Vector3<f64> {
+        let air = self.velocity - Vector3::new(1.5, -0.5, 0.0);
+        -0.25 * air.norm() * air
+    }
+
+    fn command_n(&self, t_s: f64) -> Vector3<f64> {
+        let wave = |axis: usize, rate: f64| (rate * t_s + self.phases[axis]).sin();
+        let reference = Vector3::new(2.5 * wave(0, 0.9), 2.0 * wave(1, 0.7), 0.8 * wave(2, 1.3));
+        4.0 * (reference - self.velocity)
+    }
+
+    /// The process noise that the filter is told of, and the Gauss–Markov disturbance.
+    fn advance(&mut self, command_n: &Vector3<f64>, h_s: f64) {
+        for axis in 0..3 {
+            let decay = (-h_s / 0.2_f64).exp();
+            self.gust[axis] =
+                decay * self.gust[axis] + 0.1 * (1.0 - decay * decay).sqrt() * self.random.normal();
+        }
+        let substeps = 5;
+        let dt = h_s / f64::from(substeps);
+        for _ in 0..substeps {
+            let a = (command_n + self.unknown_n()) / MASS_KG + self.gust;
+            self.velocity += dt * a;
+        }
+        let white = (1.5e-3 * h_s).sqrt();
+        self.velocity += Vector3::from_fn(|_, _| white * self.random.normal());
+    }
+
+    fn measured(&mut self) -> [Option<f64>; 3] {
+        std::array::from_fn(|axis| Some(self.velocity[axis] + NOISE_M_S * self.random.normal()))
+    }
+}
+
+/// Who asks, and when, changes nothing.
+#[test]
+fn the_same_samples_give_the_same_bits_whoever_asks() {
+    let (mut asked, mut silent) = (channel(), channel());
+    let mut flight = Flight::new(3);
+    for j in 0..3000_u64 {
+        let stamp_ns = 1_000_000_000 + j * PERIOD_NS;
+        let command = flight.command_n(j as f64 * 0.005);
+        // A gap of everything, an outage of the velocity, a slow sensor.
+        let is_gap = (1000..1600).contains(&j);
+        let has_output = !(2000..2200).contains(&j) && j % 3 == 0;
+        if !is_gap {
+            let output = if has_output { flight.measured() } else { [None; 3] };
+            let sample = JointSample { output, command: Some(command), ..JointSample::default() };
+            let teaches = if (700..800).contains(&j) { Teaches::State } else { Teaches::All };
+            for channel in [&mut asked, &mut silent] {
+                channel.accept(stamp_ns, &sample, teaches, None::<fn(&mut ())>);
+            }
+        }
+        for later_ns in [0, 1_700_000, (j % 7) * 60_000_000, 4_000_000] {
+            asked.estimate(stamp_ns + later_ns);
+        }
+        flight.advance(&command, 0.005);
+    }
+    let later_ns = 1_000_000_000 + 3010 * PERIOD_NS;
+    let [a, b] = [&mut asked, &mut silent].map(|channel| format!("{:?}", channel.estimate(later_ns)));
+    assert_eq!(a, b);
+    assert_eq!(asked.at.state.mean, silent.at.state.mean);
+    assert_eq!(asked.at.state.covariances[0], silent.at.state.covariances[0]);
+}
+
+/// White noise as configured: the errors are as large as the deviations say, sample by sample and after outages.
+#[test]
+fn over_fifty_seeds_the_deviations_are_honest() {
+    let (mut nees, mut nis, mut n) = (0.0, 0.0, 0.0);
+    let (mut within, mut coasts) = (0.0, 0.0);
+    for seed in 1..=50 {
+        let mut channel = channel();
+        let mut flight = Flight::new(seed);
+        for j in 0..6000_u64 {
+            let stamp_ns = 1_000_000_000 + j * PERIOD_NS;
+            let command = flight.command_n(j as f64 * 0.005);
+            // From 15 s on 0.5 s without velocity in every 2 s.
+            let is_outage = j >= 3000 && j % 400 < 100;
+            let output = if is_outage { [None; 3] } else { flight.measured() };
+            let sample = JointSample { output, command: Some(command), ..JointSample::default() };
+            let agreement = channel.accept(stamp_ns, &sample, Teaches::All, None::<fn(&mut ())>);
+            let estimate = channel.estimate(stamp_ns);
+            let error = flight.velocity - Vector3::from(estimate.prediction.velocity);
+            let std = Vector3::from(estimate.prediction.velocity_std);
+            if (2000..3000).contains(&j) && j % 50 == 0 {
+                nees += error.component_div(&std).norm_squared();
+                nis += agreement.unwrap().nis;
+                n += 1.0;
+            }
+            if j >= 3000 && j % 400 == 99 {
+                coasts += 3.0;
+                for axis in 0..3 {
+                    within += f64::from(error[axis].abs() < 1.96 * std[axis]);
+                }
+            }
+            flight.advance(&command, 0.005);
+        }
+    }
+    // Samples every 0.25 s are nearly independent. χ² of 3n degrees: ±1.96 √(2 · 3n).
+    let (mean, spread) = (nees / (3.0 * n), 1.96 * (2.0 / (3.0 * n)).sqrt());
+    let coverage = within / coasts;
+    println!("NEES {mean:.3} ± {spread:.3}, NIS {:.3}, coverage of coasts {coverage:.3}", nis / n);
+    assert!((mean - 1.0).abs() < spread, "NEES {mean} ± {spread}");
+    assert!((0.8..1.2).contains(&(nis / n)), "NIS {}", nis / n);
+    assert!((0.90..0.99).contains(&coverage), "coverage {coverage}");
+}
+
+/// A channel that is loaded from a checkpoint goes on with the same bits, shared covariances or not.
+#[test]
+fn a_channel_loaded_from_a_checkpoint_goes_on_with_the_same_bits() {
+    for measured_axes in [3, 2] {
+        let (mut channel, mut other) = (channel(), channel());
+        let mut flight = Flight::new(5);
+        let mut fly = |channels: &mut [&mut JointChannel<()>], samples: std::ops::Range<u64>| {
+            for j in samples {
+                let command = flight.command_n(j as f64 * 0.005);
+                let mut output = flight.measured();
+                output[measured_axes..].fill(None);
+                let position = if j % 40 == 0 { [Some(0.1); 3] } else { [None; 3] };
+                let sample =
+                    JointSample { output, position, command: Some(command), ..JointSample::default() };
+                for channel in &mut *channels {
+                    channel.accept(1_000_000_000 + j * PERIOD_NS, &sample, Teaches::All, None::<fn(&mut ())>);
+                }
+                flight.advance(&command, 0.005);
+            }
+        };
+        fly(&mut [&mut channel], 0..700);
+        let state = channel.save();
+        let mut learned = vec![f64::NAN; channel.n_learned()];
+        // In parts, as a snapshot is read.
+        for from in (0..learned.len()).step_by(1000) {
+            let end = learned.len().min(from + 1000);
+            channel.read_saved(from, &mut learned[from..end]);
+        }
+        other.load(&learned, Some(&state));
+        assert_eq!(other.save(), state);
+        fly(&mut [&mut channel, &mut other], 700..1100);
+        let later_ns = 1_000_000_000 + 1120 * PERIOD_NS;
+        let [a, b] = [&mut channel, &mut other].map(|channel| format!("{:?}", channel.estimate(later_ns)));
+        assert_eq!(a, b);
+        // Restored, it is where it was; without the state it knows the weights and doubts them a little.
+        other.restore(None);
+        assert!(!other.at.state.is_started());
+        let doubted = other.at.state.weights_trace(0);
+        channel.restore(Some(&state));
+        let before = channel.at.state.weights_trace(0);
+        let p = (channel.filter.n_rows() - 2) as f64;
+        assert!(doubted > before && doubted < p, "{before} {doubted} {p}");
+    }
+}
+
+/// Rates of a noisy gyroscope with a bias, attitude fixes at 10 Hz, outages of the rates: the attitude's errors are as large
+/// as its deviations say, and the bias is found.
+#[test]
+fn the_attitude_s_deviations_are_honest() {
+    let (rate_noise, fix_noise, h) = (0.02, 0.03, 0.005);
+    let mut filter = paper_design();
+    filter.noise = [rate_noise; 3];
+    filter.prior =
+        PriorDeviations { bias: 15.0, linear: 9.0, kernel: 10.5, input: 0.5, lag: 0.5, disturbance: 3.0 };
+    (filter.process_noise, filter.lags_s) = (0.1, [0.05, 0.1]);
+    let channel = JointChannelDesign { filter, inertia: Matrix3::identity() * 0.02, hold_s: 0.0075 };
+    let design = JointRotationDesign {
+        channel,
+        gyroscopic_torque: GyroscopicTorque::Learned,
+        attitude_noise_rad: fix_noise,
+        bias_std_rad_s: 0.05,
+        bias_walk_rad_s_sqrt_s: 0.0,
+    };
+    let (mut nees, mut before_fix, mut coast, mut n, mut n_coast) = (0.0, 0.0, 0.0, 0.0, 0.0);
+    let (mut bias_error, mut bias_std) = (0.0, 0.0);
+    for seed in 1..=20 {
+        let mut random = Random(seed);
+        let mut channel = JointChannel::rotation(&design, None, None).unwrap();
+        let bias = Vector3::from_fn(|_, _| 0.05 * random.normal());
+        let (mut rate, mut attitude) = (Vector3::<f64>::zeros(), UnitQuaternion::identity());
+        let mut gust = Vector3::<f64>::zeros();
+        for j in 0..6000_u64 {
+            let (stamp_ns, t) = (1_000_000_000 + j * PERIOD_NS, j as f64 * h);
+            let torque = 0.02 * Vector3::new(2.0 * (3.0 * t).cos(), -(2.0 * t).sin(), 0.7 * t.cos());
+            let is_outage = j > 2000 && j % 500 < 60;
+            let noise = Vector3::from_fn(|_, _| rate_noise * random.normal());
+            let output = if is_outage { [None; 3] } else { components(rate + bias + noise) };
+            let sample = JointSample { output, command: Some(torque), ..JointSample::default() };
+            let error = Vector3::from_fn(|_, _| fix_noise * random.normal());
+            let fix = attitude * UnitQuaternion::new(error);
+            let has_fix = j % 20 == 0 && !is_outage;
+            let error_of = |channel: &mut JointChannel<AttitudeFilter>| {
+                let pose = channel.estimate(stamp_ns).pose;
+                let error = (pose.attitude.inverse() * attitude).scaled_axis();
+                (0..3).map(|axis| (error[axis] / pose.std_rad()[axis]).powi(2)).sum::<f64>() / 3.0
+            };
+            if j > 2000 && j % 500 == 59 {
+                (coast, n_coast) = (coast + error_of(&mut channel), n_coast + 1.0);
+            }
+            let is_counted = j > 1000 && !(j > 2000 && j % 500 < 200) && has_fix && j % 100 == 0;
+            if is_counted {
+                before_fix += error_of(&mut channel);
+            }
+            let take_fix = |pose: &mut AttitudeFilter| pose.take_fix(&fix, &[fix_noise; 3]);
+            channel.accept(stamp_ns, &sample, Teaches::All, has_fix.then_some(take_fix));
+            if is_counted {
+                (nees, n) = (nees + error_of(&mut channel), n + 1.0);
+            }
+            // The disturbance and the noise that the filter is told of.
+            let decay = (-h / 0.2_f64).exp();
+            gust =
+                decay * gust + Vector3::from_fn(|_, _| 3.0 * (1.0 - decay * decay).sqrt() * random.normal());
+            let white = Vector3::from_fn(|_, _| (0.1 * h).sqrt() * random.normal());
+            let after = rate + h * (torque / 0.02 - 0.5 * rate + gust) + white;
+            attitude *= UnitQuaternion::new(0.5 * h * (rate + after));
+            rate = after;
+        }
+        let found = channel.attitude();
+        bias_error += (found.bias_rad_s - bias).norm_squared() / 60.0;
+        bias_std += found.bias_std_rad_s().map(|std| std * std).iter().sum::<f64>() / 60.0;
+    }
+    println!(
+        "NEES before fixes {:.2}, after {:.2}, at the end of coasts {:.2}, bias {:.2}",
+        before_fix / n,
+        nees / n,
+        coast / n_coast,
+        bias_error / bias_std
+    );
+    // Fixes 0.1 s apart share errors. χ² of 3n/5 degrees, at least.
+    let spread = 1.96 * (2.0 / (3.0 * n / 5.0)).sqrt();
+    for value in [before_fix / n, nees / n] {
+        assert!((value - 1.0).abs() < spread, "{value} ± {spread}");
+    }
+    assert!((0.5..1.5).contains(&(coast / n_coast)), "{}", coast / n_coast);
+    assert!((0.6..1.5).contains(&(bias_error / bias_std)), "{}", bias_error / bias_std);
+}
+
+fn components(vector: Vector3<f64>) -> [Option<f64>; 3] {
+    [vector.x, vector.y, vector.z].map(Some)
+}
