@@ -4,15 +4,17 @@
 
 use crate::config::{
     CommonKeys, ConfigError, ConfigFile, DeadZoneName, GyroscopicTorqueName, InputConfig, KernelName,
-    KeyNames, LengthScaleConfig, LinearConfig, OutlierAction, RotationConfig, SolverConfig, SolverName,
-    SolverOptions, SquareMatrix, SymmetricMatrix, TranslationConfig,
+    KeyNames, LawName, LengthScaleConfig, LinearConfig, OutlierAction, RotationConfig, SolverConfig,
+    SolverName, SolverOptions, SquareMatrix, SymmetricMatrix, TranslationConfig,
 };
 use crate::estimator::Estimator;
 use nalgebra::{DMatrix, DVector, Matrix3, Quaternion, UnitQuaternion, Vector3};
 use observer::{
-    Centers, ChannelDesign, DeadZone, DeadZoneShape, DesignError, DisturbanceBounds, GyroscopicTorque,
-    InitialState, InnovationGate, Kernel, LengthScale, LinearDesign, LinearObserver, LocalSolver, Parameter,
-    RigidBodyObserver, RotationDesign, Solver, TranslationDesign,
+    Centers, ChannelDesign, DeadZone, DeadZoneShape, DesignError, DisturbanceBounds, ExcitationDesign,
+    GyroscopicTorque, InitialState, InnovationGate, JointChannelDesign, JointDesign, JointRotationDesign,
+    JointTranslationDesign, Kernel, LengthScale, LinearDesign, LinearObserver, LocalSolver, Parameter,
+    PriorDeviations, RigidBodyObserver, RotationDesign, RotationLaw, Solver, TranslationDesign,
+    TranslationLaw,
 };
 
 /// An output is held for this many of its sample periods; then its channel coasts.
@@ -71,8 +73,12 @@ pub fn rigid_body(file: &ConfigFile) -> Result<RigidBodyObserver, ConfigError> {
 ///
 /// # Errors
 /// As [`estimator`].
-pub fn translation_design(file: &ConfigFile) -> Result<Option<TranslationDesign>, ConfigError> {
-    let design = file.config.translation.as_ref().map(|keys| translation(keys, file.config.rate_hz));
+pub fn translation_design(file: &ConfigFile) -> Result<Option<TranslationLaw>, ConfigError> {
+    let rate_hz = file.config.rate_hz;
+    let design = file.config.translation.as_ref().map(|keys| match keys.law {
+        LawName::Gradient => translation(keys, rate_hz).map(TranslationLaw::Gradient),
+        LawName::Joint => joint_translation(keys, rate_hz).map(TranslationLaw::Joint),
+    });
     design.transpose().map_err(|error| refusal(file, "translation", &error))
 }
 
@@ -80,8 +86,12 @@ pub fn translation_design(file: &ConfigFile) -> Result<Option<TranslationDesign>
 ///
 /// # Errors
 /// As [`estimator`].
-pub fn rotation_design(file: &ConfigFile) -> Result<Option<RotationDesign>, ConfigError> {
-    let design = file.config.rotation.as_ref().map(|keys| rotation(keys, file.config.rate_hz));
+pub fn rotation_design(file: &ConfigFile) -> Result<Option<RotationLaw>, ConfigError> {
+    let rate_hz = file.config.rate_hz;
+    let design = file.config.rotation.as_ref().map(|keys| match keys.law {
+        LawName::Gradient => rotation(keys, rate_hz).map(RotationLaw::Gradient),
+        LawName::Joint => joint_rotation(keys, rate_hz).map(RotationLaw::Joint),
+    });
     design.transpose().map_err(|error| refusal(file, "rotation", &error))
 }
 
@@ -136,7 +146,7 @@ fn key_of(names: &KeyNames, parameter: Parameter) -> &'static str {
         Parameter::PlantInput => "b",
         Parameter::PlantOutput => "c",
         Parameter::InitialState => "initial_state",
-        Parameter::Prior | Parameter::Noise | Parameter::Memory | Parameter::Excitation => "law",
+        Parameter::Joint(field) => names.joint_key(field),
     }
 }
 
@@ -205,15 +215,17 @@ fn initial_state(file: &ConfigFile) -> Result<InitialState, ConfigError> {
 }
 
 fn translation(keys: &TranslationConfig, rate_hz: f64) -> Result<TranslationDesign, DesignError> {
-    let force = keys.mass_kg * Vector3::from(keys.gravity_m_s2) + Vector3::from(keys.known_force_n);
-    if force.iter().any(|f| !f.is_finite()) {
-        let found = format!("{:?} N with gravity", force.as_slice());
-        return Err(DesignError { parameter: Parameter::Inertia, found, needed: "finite numbers".into() });
-    }
+    let known_force_n = known_force_n(keys)?;
     let inertia = Matrix3::identity() * keys.mass_kg;
     Ok(TranslationDesign {
-        channel: channel(&keys.common(), inertia, keys.gain_per_s, &keys.adaptation_rate_kg_s2, rate_hz)?,
-        known_force_n: force,
+        channel: channel(
+            &keys.common(),
+            inertia,
+            given(keys.gain_per_s, Parameter::Gain)?,
+            &given(keys.adaptation_rate_kg_s2, Parameter::AdaptationRate)?,
+            rate_hz,
+        )?,
+        known_force_n,
         velocity_error_to_position: keys.velocity_error_to_position,
         position_fix_gain_per_s: keys.position_fix_gain_per_s,
         position_fix_hold_s: keys.position_fix_hold_s,
@@ -223,17 +235,122 @@ fn translation(keys: &TranslationConfig, rate_hz: f64) -> Result<TranslationDesi
 fn rotation(keys: &RotationConfig, rate_hz: f64) -> Result<RotationDesign, DesignError> {
     let inertia = matrix3(&keys.inertia_kg_m2);
     Ok(RotationDesign {
-        channel: channel(&keys.common(), inertia, keys.gain_per_s, &keys.adaptation_rate_n_m, rate_hz)?,
-        gyroscopic_torque: match keys.gyroscopic_torque {
-            GyroscopicTorqueName::Learned => GyroscopicTorque::Learned,
-            GyroscopicTorqueName::Feedforward => GyroscopicTorque::Feedforward,
-        },
+        channel: channel(
+            &keys.common(),
+            inertia,
+            given(keys.gain_per_s, Parameter::Gain)?,
+            &given(keys.adaptation_rate_n_m, Parameter::AdaptationRate)?,
+            rate_hz,
+        )?,
+        gyroscopic_torque: gyroscopic_torque(keys),
         attitude_fix_gain_per_s: keys.attitude_fix_gain_per_s,
         attitude_fix_hold_s: keys.attitude_fix_hold_s,
     })
 }
 
-/// A channel of the rigid body, whose output has three axes.
+fn gyroscopic_torque(keys: &RotationConfig) -> GyroscopicTorque {
+    match keys.gyroscopic_torque {
+        GyroscopicTorqueName::Learned => GyroscopicTorque::Learned,
+        GyroscopicTorqueName::Feedforward => GyroscopicTorque::Feedforward,
+    }
+}
+
+/// Gravity and the other known force (N).
+fn known_force_n(keys: &TranslationConfig) -> Result<Vector3<f64>, DesignError> {
+    let force = keys.mass_kg * Vector3::from(keys.gravity_m_s2) + Vector3::from(keys.known_force_n);
+    if force.iter().any(|f| !f.is_finite()) {
+        let found = format!("{:?} N with gravity", force.as_slice());
+        return Err(DesignError { parameter: Parameter::Inertia, found, needed: "finite numbers".into() });
+    }
+    Ok(force)
+}
+
+/// The law of a table whose tables `joint` differ in their units.
+macro_rules! joint_design {
+    ($keys:expr, $joint:expr, $half_widths:expr, $prior:expr, $noise:expr, $process_noise:expr) => {{
+        let common = $keys.common();
+        let half_widths: [f64; 3] = $half_widths;
+        let per_axis = common.centers_per_axis.unwrap_or(&[3; 3]);
+        JointDesign {
+            kernel: kernel(common.kernel, 3),
+            length_scale: common
+                .length_scale
+                .map_or_else(|| LengthScale::PerAxis(half_widths.to_vec()), length_scale),
+            centers: box_centers(half_widths, per_axis)?,
+            prior: $prior,
+            disturbance_time_s: $joint.disturbance_time_s,
+            process_noise: $process_noise,
+            motion_memory_s: $joint.motion_memory_s,
+            input_memory_s: $joint.input_memory_s,
+            lags_s: $joint.lag_times_s,
+            noise: $noise.into(),
+            position_noise: None,
+            noise_samples: $joint.noise_memory_samples,
+            excitation: ExcitationDesign {
+                correction_share: $joint.correction_share,
+                mean_time_s: $joint.excitation_mean_time_s,
+                variation_time_s: $joint.excitation_variation_time_s,
+                idle_rate: $joint.excitation_idle_rate,
+            },
+        }
+    }};
+}
+
+fn box_centers(half_widths: [f64; 3], per_axis: &[usize]) -> Result<Centers, DesignError> {
+    if !half_widths.iter().all(|width| (1e-6..=1e6).contains(width)) {
+        let found = format!("{half_widths:?}");
+        let needed = "numbers from 1e-6 to 1e6".to_owned();
+        return Err(DesignError { parameter: Parameter::Joint("box"), found, needed });
+    }
+    Centers::lattice(half_widths.map(|width| -width), half_widths, per_axis)
+}
+
+fn joint_translation(keys: &TranslationConfig, rate_hz: f64) -> Result<JointTranslationDesign, DesignError> {
+    let joint = &keys.joint;
+    let box_m_s: [f64; 3] = given(keys.speed_box_m_s, Parameter::Joint("box"))?.into();
+    let prior = PriorDeviations {
+        bias: joint.prior_bias_m_s2,
+        linear: joint.prior_linear_m_s2,
+        kernel: joint.prior_kernel_m_s2,
+        input: joint.prior_input,
+        lag: joint.prior_lag,
+        disturbance: joint.disturbance_std_m_s2,
+    };
+    let noise = given(keys.velocity_noise_m_s, Parameter::Joint("noise"))?;
+    let mut filter = joint_design!(keys, joint, box_m_s, prior, noise, joint.process_noise_m2_s3);
+    filter.position_noise = Some(keys.position_noise_m);
+    let channel =
+        joint_channel(filter, Matrix3::identity() * keys.mass_kg, keys.sample_rate_hz.unwrap_or(rate_hz));
+    Ok(JointTranslationDesign { channel, known_force_n: known_force_n(keys)? })
+}
+
+fn joint_rotation(keys: &RotationConfig, rate_hz: f64) -> Result<JointRotationDesign, DesignError> {
+    let joint = &keys.joint;
+    let box_rad_s: [f64; 3] = given(keys.rate_box_rad_s, Parameter::Joint("box"))?.into();
+    let prior = PriorDeviations {
+        bias: joint.prior_bias_rad_s2,
+        linear: joint.prior_linear_rad_s2,
+        kernel: joint.prior_kernel_rad_s2,
+        input: joint.prior_input,
+        lag: joint.prior_lag,
+        disturbance: joint.disturbance_std_rad_s2,
+    };
+    let noise = given(keys.angular_velocity_noise_rad_s, Parameter::Joint("noise"))?;
+    let filter = joint_design!(keys, joint, box_rad_s, prior, noise, joint.process_noise_rad2_s3);
+    Ok(JointRotationDesign {
+        channel: joint_channel(filter, matrix3(&keys.inertia_kg_m2), keys.sample_rate_hz.unwrap_or(rate_hz)),
+        gyroscopic_torque: gyroscopic_torque(keys),
+        attitude_noise_rad: keys.attitude_noise_rad,
+        bias_std_rad_s: joint.gyro_bias_std_rad_s,
+        bias_walk_rad_s_sqrt_s: joint.gyro_bias_walk_rad_s_sqrt_s,
+    })
+}
+
+fn joint_channel(filter: JointDesign, inertia: Matrix3<f64>, sample_rate_hz: f64) -> JointChannelDesign {
+    JointChannelDesign { filter, inertia, hold_s: HOLD_PERIODS / sample_rate_hz }
+}
+
+/// A channel of the rigid body with the gradient law; its output has three axes.
 fn channel(
     keys: &CommonKeys<'_>,
     inertia: Matrix3<f64>,
@@ -243,7 +360,7 @@ fn channel(
 ) -> Result<ChannelDesign, DesignError> {
     Ok(ChannelDesign {
         kernel: kernel(keys.kernel, 3),
-        length_scale: length_scale(keys.length_scale),
+        length_scale: length_scale(given(keys.length_scale, Parameter::LengthScale)?),
         centers: centers(keys)?,
         nugget: keys.nugget,
         solver: solver(keys.solver),
@@ -251,7 +368,7 @@ fn channel(
         gain_per_s,
         adaptation_rate: matrix3(adaptation_rate),
         dead_zone: dead_zone(keys)?,
-        bounds: bounds(keys),
+        bounds: bounds(keys)?,
         hold_s: HOLD_PERIODS / keys.sample_rate_hz.unwrap_or(rate_hz),
         coast_step_s: rate_hz.recip(),
     })
@@ -273,17 +390,17 @@ fn linear(config: &LinearConfig, rate_hz: f64) -> Result<LinearDesign, DesignErr
         c: matrix(Parameter::PlantOutput, "c", &config.c)?,
         gain: matrix(Parameter::Gain, "gain", &config.gain)?,
         kernel: kernel(keys.kernel, n_outputs),
-        length_scale: length_scale(keys.length_scale),
+        length_scale: length_scale(given(keys.length_scale, Parameter::LengthScale)?),
         centers: centers(&keys)?,
         nugget: keys.nugget,
         solver: solver(keys.solver),
-        adaptation_rate: match &config.adaptation_rate {
+        adaptation_rate: match given(config.adaptation_rate.as_ref(), Parameter::AdaptationRate)? {
             SquareMatrix::Scalar(rate) => DMatrix::identity(n_outputs, n_outputs) * *rate,
             SquareMatrix::Diagonal(rates) => DMatrix::from_diagonal(&DVector::from_column_slice(rates)),
             SquareMatrix::Full(rows) => matrix(Parameter::AdaptationRate, "adaptation_rate", rows)?,
         },
         dead_zone: dead_zone(&keys)?,
-        bounds: bounds(&keys),
+        bounds: bounds(&keys)?,
         hold_s: HOLD_PERIODS / keys.sample_rate_hz.unwrap_or(rate_hz),
         coast_step_s: rate_hz.recip(),
         initial_state: config.initial_state.clone().map(DVector::from_vec),
@@ -346,15 +463,21 @@ fn dead_zone(keys: &CommonKeys<'_>) -> Result<DeadZone, DesignError> {
         DeadZoneName::Quadratic => DeadZoneShape::Quadratic,
         DeadZoneName::Step => DeadZoneShape::Step,
     };
-    DeadZone::new(shape, keys.dead_zone_width, keys.dead_zone_buffer)
+    let width = given(keys.dead_zone_width, Parameter::DeadZoneWidth)?;
+    DeadZone::new(shape, width, given(keys.dead_zone_buffer, Parameter::DeadZoneBuffer)?)
 }
 
-fn bounds(keys: &CommonKeys<'_>) -> DisturbanceBounds {
-    DisturbanceBounds {
-        noise: keys.noise_bound,
+fn bounds(keys: &CommonKeys<'_>) -> Result<DisturbanceBounds, DesignError> {
+    Ok(DisturbanceBounds {
+        noise: given(keys.noise_bound, Parameter::NoiseBound)?,
         unmatched: keys.unmatched_bound,
         residual_norm: keys.residual_norm_bound,
-    }
+    })
+}
+
+/// A value that the law needs; [`ConfigFile::check`] has looked, but a configuration may be changed after it was read.
+fn given<T>(value: Option<T>, parameter: Parameter) -> Result<T, DesignError> {
+    value.ok_or_else(|| DesignError { parameter, found: "none".into(), needed: "a value".into() })
 }
 
 fn matrix3(config: &SymmetricMatrix) -> Matrix3<f64> {

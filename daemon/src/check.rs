@@ -1,13 +1,15 @@
 //! What is proven for a configuration, and which values would satisfy the conditions that fail.
 
 use crate::assemble;
-use crate::config::{ConfigError, ConfigFile, DeadZoneName};
+use crate::config::{ConfigError, ConfigFile, DeadZoneName, LawName};
 use crate::estimator::Estimator;
+use crate::gate::LinearSample;
 use nalgebra::Vector3;
 use observer::{
-    AnyChannel, Centers, Certificate, ChannelDesign, ChannelName, DesignError, DesignReport, InitialState,
-    Kernel, Learn, LearnedFunction, LengthScale, LengthScaleEffect, LinearObserver, LinearOutput,
-    RigidBodyObserver, Sample, SolverInUse, Velocity, length_scale_effect,
+    AnyChannel, Centers, Certificate, ChannelDesign, ChannelName, DesignError, DesignReport, GradientLaw,
+    InitialState, JointChannel, JointReport, Kernel, Learn, LearnedFunction, LengthScale, LengthScaleEffect,
+    LinearObserver, LinearOutput, RigidBodyObserver, RotationLaw, Sample, SolverInUse, TranslationLaw,
+    Velocity, length_scale_effect,
 };
 use std::borrow::Cow;
 use std::time::{Duration, Instant};
@@ -20,6 +22,8 @@ pub const MAX_CENTERS_TO_COMPARE: usize = 729;
 /// Steps are timed until this many are done, or until this time is over.
 const MAX_TIMED_STEPS: usize = 400;
 const TIMING: Duration = Duration::from_millis(500);
+/// Observers with more learned numbers than this are not copied to time their steps.
+const MAX_LEARNED_TO_COPY: usize = 1_000_000;
 /// But never fewer than these.
 const MIN_TIMED_STEPS: usize = 11;
 
@@ -27,14 +31,43 @@ const MIN_TIMED_STEPS: usize = 11;
 pub struct ChannelCheck {
     /// Its table in the configuration.
     pub name: &'static str,
-    /// Units of the output and of the adaptation rate; empty if only the user knows them.
-    pub units: (&'static str, &'static str),
-    /// What is proven.
-    pub report: DesignReport,
-    /// Condition and cover for other length scales; empty with too many centers.
-    pub length_scales: Vec<LengthScaleEffect>,
+    /// Units of what it estimates; empty if only the user knows them.
+    pub units: Units,
+    /// What is known of it, by its law.
+    pub report: LawReport,
     /// The time of a step on this machine, or why `daemon run` refuses the channel.
     pub step_time: Result<StepTime, ConfigError>,
+}
+
+/// Units of what a channel estimates.
+#[derive(Debug, Clone, Copy)]
+pub struct Units {
+    /// Of the output.
+    pub output: &'static str,
+    /// Of Γ_f.
+    pub adaptation_rate: &'static str,
+    /// Of what is integrated from the output: position, attitude.
+    pub pose: &'static str,
+    /// Of the unknown force.
+    pub force: &'static str,
+}
+
+const TRANSLATION: Units = Units { output: "m/s", adaptation_rate: "kg/s²", pose: "m", force: "N" };
+const ROTATION: Units = Units { output: "rad/s", adaptation_rate: "N·m", pose: "rad", force: "N·m" };
+const LINEAR: Units = Units { output: "", adaptation_rate: "", pose: "", force: "" };
+
+/// What is known of a channel, by its law.
+#[allow(clippy::large_enum_variant)] // there are three of it
+pub enum LawReport {
+    /// What is proven of the gradient law.
+    Gradient {
+        /// The conditions of the theorems.
+        report: DesignReport,
+        /// Condition and cover for other length scales; empty with too many centers.
+        length_scales: Vec<LengthScaleEffect>,
+    },
+    /// What is to be expected of the joint law.
+    Joint(JointReport),
 }
 
 /// The time of a step.
@@ -44,8 +77,6 @@ pub struct StepTime {
     /// Steps timed.
     pub samples: usize,
 }
-
-type Report<'a> = dyn Fn(&LearnedFunction<3>) -> Result<DesignReport, DesignError> + 'a;
 
 impl ChannelCheck {
     /// Why `daemon run` refuses the channel, if it does.
@@ -62,29 +93,34 @@ pub fn checks(file: &ConfigFile) -> Result<Vec<ChannelCheck>, ConfigError> {
     let mut checks = Vec::new();
     assemble::check(file)?;
     let refuse = |table: &'static str| move |error: DesignError| assemble::refusal(file, table, &error);
-    // With many centers a space takes long to build, so the report uses the one that the observer has built.
-    let body =
-        |name, units, channel: &ChannelDesign, observer: Result<RigidBodyObserver, _>, report: &Report| {
-            let law = observer.as_ref().ok().and_then(|body| body.translation().or(body.rotation()));
-            let built = law
-                .map_or_else(|| channel.function().map(Cow::Owned), |law| Ok(Cow::Borrowed(law.function())));
-            let report = built.and_then(|function| report(&function)).map_err(refuse(name))?;
-            let length_scales = compared_length_scales(
-                &report,
-                (channel.kernel, &channel.length_scale, &channel.centers, channel.nugget),
-            );
-            let step_time = observer.map(time_steps).map_err(refuse(name));
-            Ok::<_, ConfigError>(ChannelCheck { name, units, report, length_scales, step_time })
-        };
+    let initial = InitialState::default();
     if let Some(design) = assemble::translation_design(file)? {
-        let observer = RigidBodyObserver::new(Some(design.clone()), None, InitialState::default());
-        let report = |function: &LearnedFunction<3>| DesignReport::of_translation(&design, function);
-        checks.push(body("translation", ("m/s", "kg/s²"), &design.channel, observer, &report)?);
+        let observer = RigidBodyObserver::new(Some(design.clone()), None, initial);
+        let report = match &design {
+            TranslationLaw::Joint(design) => JointReport::of_translation(design).map(LawReport::Joint),
+            TranslationLaw::Gradient(design) => {
+                let law = observer.as_ref().ok().and_then(RigidBodyObserver::translation);
+                gradient_report(law, &design.channel, |function| {
+                    DesignReport::of_translation(design, function)
+                })
+            }
+        };
+        let step_time = observer.map(time_steps).map_err(refuse("translation"));
+        let report = report.map_err(refuse("translation"))?;
+        checks.push(ChannelCheck { name: "translation", units: TRANSLATION, report, step_time });
     }
     if let Some(design) = assemble::rotation_design(file)? {
-        let observer = RigidBodyObserver::new(None, Some(design.clone()), InitialState::default());
-        let report = |function: &LearnedFunction<3>| DesignReport::of_rotation(&design, function);
-        checks.push(body("rotation", ("rad/s", "N·m"), &design.channel, observer, &report)?);
+        let observer = RigidBodyObserver::new(None, Some(design.clone()), initial);
+        let report = match &design {
+            RotationLaw::Joint(design) => JointReport::of_rotation(design).map(LawReport::Joint),
+            RotationLaw::Gradient(design) => {
+                let law = observer.as_ref().ok().and_then(RigidBodyObserver::rotation);
+                gradient_report(law, &design.channel, |function| DesignReport::of_rotation(design, function))
+            }
+        };
+        let step_time = observer.map(time_steps).map_err(refuse("rotation"));
+        let report = report.map_err(refuse("rotation"))?;
+        checks.push(ChannelCheck { name: "rotation", units: ROTATION, report, step_time });
     }
     if let Some(design) = assemble::linear_design(file)? {
         let names = file.config.linear.as_ref().and_then(|linear| linear.state_names.as_deref());
@@ -98,12 +134,31 @@ pub fn checks(file: &ConfigFile) -> Result<Vec<ChannelCheck>, ConfigError> {
             (design.kernel, &design.length_scale, &design.centers, design.nugget),
         );
         let step_time = observer.map(time_linear_steps).map_err(refuse("linear"));
-        checks.push(ChannelCheck { name: "linear", units: ("", ""), report, length_scales, step_time });
+        let report = LawReport::Gradient { report, length_scales };
+        checks.push(ChannelCheck { name: "linear", units: LINEAR, report, step_time });
     }
     match checks.is_empty() {
         true => assemble::estimator(file).map(|_| checks),
         false => Ok(checks),
     }
+}
+
+/// With many centers a space takes long to build: the report uses the one that the observer has built, if it did.
+fn gradient_report(
+    built: Option<&GradientLaw<3>>,
+    channel: &ChannelDesign,
+    report: impl Fn(&LearnedFunction<3>) -> Result<DesignReport, DesignError>,
+) -> Result<LawReport, DesignError> {
+    let function = match built {
+        Some(law) => Cow::Borrowed(law.function()),
+        None => Cow::Owned(channel.function()?),
+    };
+    let report = report(&function)?;
+    let length_scales = compared_length_scales(
+        &report,
+        (channel.kernel, &channel.length_scale, &channel.centers, channel.nugget),
+    );
+    Ok(LawReport::Gradient { report, length_scales })
 }
 
 /// cond(K) and cover for shorter and longer length scales; the design's own are those of its report.
@@ -150,12 +205,13 @@ pub fn unproven(file: &ConfigFile, estimator: &Estimator) -> Vec<String> {
             sentences.push(format!("{name}: not all is proven: {}; see daemon check", facts.join("; ")));
         }
     };
-    if let Some(translation) = &file.config.translation {
+    let is_gradient = |law: LawName| law == LawName::Gradient;
+    if let Some(translation) = file.config.translation.as_ref().filter(|keys| is_gradient(keys.law)) {
         let hidden = if translation.position_fix_gain_per_s > 0.0 { "" } else { "position" };
         let certificate = estimator.channel(ChannelName::Translation).and_then(AnyChannel::certificate);
         warn("translation", hidden.into(), certificate, translation.dead_zone);
     }
-    if let Some(rotation) = &file.config.rotation {
+    if let Some(rotation) = file.config.rotation.as_ref().filter(|keys| is_gradient(keys.law)) {
         let certificate = estimator.channel(ChannelName::Rotation).and_then(AnyChannel::certificate);
         warn("rotation", String::new(), certificate, rotation.dead_zone);
     }
@@ -182,11 +238,66 @@ pub fn local_solvers(estimator: &Estimator) -> Vec<String> {
         .collect()
 }
 
-/// The time of a step, outputs wandering through the box of the centers.
+/// That the steps of all channels fit into the period.
+///
+/// # Errors
+/// `rate_hz`, with the period and the time of a step here.
+pub fn fits(file: &ConfigFile, step: &StepTime) -> Result<(), ConfigError> {
+    let period_ns = period_ns(file);
+    if step.median_ns <= period_ns {
+        return Ok(());
+    }
+    let found = format!("{}, a period of {:.0} µs", file.config.rate_hz, period_ns as f64 / 1e3);
+    let needed = format!(
+        "a period longer than a step, which takes {:.0} µs here (median of {}); fewer centers make it shorter",
+        step.median_ns as f64 / 1e3,
+        step.samples
+    );
+    Err(file.refusal("rate_hz", &found, &needed))
+}
+
+/// 1/rate_hz (ns).
+pub fn period_ns(file: &ConfigFile) -> u64 {
+    (1e9 / file.config.rate_hz) as u64
+}
+
+/// The time of a step of all channels, on a copy of the observers. `None` with a million numbers, whose copy takes too long:
+/// only the local solver has so many, and its steps are short.
+pub fn time_of_step(estimator: &Estimator) -> Option<StepTime> {
+    if estimator.n_learned() > MAX_LEARNED_TO_COPY {
+        return None;
+    }
+    let mut estimator = estimator.clone();
+    Some(time(|j, wander| {
+        let output = Vector3::from(wander);
+        let sample = Sample {
+            stamp_ns: jittered_ns(j),
+            velocity: Some(Velocity::Inertial(output)),
+            angular_velocity_rad_s: Some(output),
+            force_n: Some(output),
+            torque_n_m: Some(output),
+            ..Sample::default()
+        };
+        let linear = LinearSample { output: Some(LinearOutput::repeat(wander[0])), input: None };
+        estimator.accept(&sample, &linear, Learn::ALL);
+        std::hint::black_box(estimator.estimate(jittered_ns(j) + 500_000));
+    }))
+}
+
+/// The time of a step and an estimate, outputs wandering through the box of the centers.
 fn time_steps(mut observer: RigidBodyObserver) -> StepTime {
-    let law = observer.translation().or(observer.rotation()).expect("one channel was built");
-    let (lower, upper) = law.function().bounding_box();
-    let (lower, upper) = (Vector3::from_column_slice(lower), Vector3::from_column_slice(upper));
+    let gradient = observer.translation().or(observer.rotation());
+    let joint = observer.joint_translation().map(JointChannel::filter);
+    let joint = joint.or(observer.joint_rotation().map(JointChannel::filter));
+    let (lower, upper) = match (gradient, joint) {
+        (Some(law), _) => {
+            let (lower, upper) = law.function().bounding_box();
+            (lower.to_vec(), upper.to_vec())
+        }
+        (None, Some(filter)) => filter.design().centers.bounding_box(),
+        (None, None) => unreachable!("one channel was built"),
+    };
+    let (lower, upper) = (Vector3::from_column_slice(&lower), Vector3::from_column_slice(&upper));
     time(|j, wander| {
         let output = lower + (upper - lower).component_mul(&Vector3::from(wander));
         observer.accept(
@@ -194,10 +305,13 @@ fn time_steps(mut observer: RigidBodyObserver) -> StepTime {
                 stamp_ns: jittered_ns(j),
                 velocity: Some(Velocity::Inertial(output)),
                 angular_velocity_rad_s: Some(output),
+                force_n: Some(output),
+                torque_n_m: Some(output),
                 ..Sample::default()
             },
             Learn::ALL,
         );
+        std::hint::black_box(observer.estimate(jittered_ns(j) + 500_000));
     })
 }
 
@@ -208,6 +322,7 @@ fn time_linear_steps(mut observer: LinearObserver) -> StepTime {
         let at = |axis: usize| lower[axis] + (upper[axis] - lower[axis]) * wander[axis % 3];
         let output = LinearOutput::from_fn(|axis, _| if axis < lower.len() { at(axis) } else { 0.0 });
         observer.accept(jittered_ns(j), Some(output), None, Learn::ALL);
+        std::hint::black_box(observer.estimate(jittered_ns(j) + 500_000));
     })
 }
 

@@ -145,6 +145,7 @@ impl Service {
         let estimator = assemble::estimator(config)?;
         check::local_solvers(&estimator).iter().for_each(|sentence| say!("{sentence}"));
         check::unproven(config, &estimator).iter().for_each(|sentence| say!("warning: {sentence}"));
+        check::time_of_step(&estimator).map_or(Ok(()), |step| check::fits(config, &step))?;
         config.check_cores(&allowed_cores())?;
         let config = config.config.clone();
         check_instance_name(instance).map_err(PortsError::from)?;

@@ -3,22 +3,25 @@
 //! The body of the macro is the table of the keys that every channel has. The macro is used three times, each time with a
 //! channel's names (with units), types, words, examples, and the keys that only this channel has.
 
+use crate::joint::{ROTATION_NAMES, RotationJoint, TRANSLATION_NAMES, TranslationJoint};
 use crate::values::{
-    DeadZoneName, GyroscopicTorqueName, KernelName, LengthScaleConfig, SolverConfig, SquareMatrix,
-    SymmetricMatrix,
+    AxisValues, DeadZoneName, GyroscopicTorqueName, KernelName, LawName, LengthScaleConfig, SolverConfig,
+    SquareMatrix, SymmetricMatrix,
 };
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// The keys that every channel has, by one name each.
+/// The keys that every channel has, by one name each. What a law does not need is `None`.
 #[derive(Debug, Clone, PartialEq)]
 pub struct CommonKeys<'a> {
+    /// The law.
+    pub law: LawName,
     /// Outputs per second; `rate_hz` where absent.
     pub sample_rate_hz: Option<f64>,
     /// κ.
     pub kernel: KernelName,
     /// ℓ.
-    pub length_scale: &'a LengthScaleConfig,
+    pub length_scale: Option<&'a LengthScaleConfig>,
     /// Lower corner of the lattice.
     pub centers_lower: Option<&'a [f64]>,
     /// Upper corner of the lattice.
@@ -34,15 +37,31 @@ pub struct CommonKeys<'a> {
     /// Shape of σ.
     pub dead_zone: DeadZoneName,
     /// d, in the output's unit.
-    pub dead_zone_width: f64,
+    pub dead_zone_width: Option<f64>,
     /// ε, in the output's unit.
-    pub dead_zone_buffer: f64,
+    pub dead_zone_buffer: Option<f64>,
     /// δ̄, in the output's unit.
-    pub noise_bound: f64,
+    pub noise_bound: Option<f64>,
     /// ξ̄, in the input's unit.
     pub unmatched_bound: f64,
     /// r_f.
     pub residual_norm_bound: f64,
+}
+
+/// The keys of one law.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct LawKeys {
+    /// Those that must be there.
+    pub required: &'static [&'static str],
+    /// The others that only this law has.
+    pub optional: &'static [&'static str],
+}
+
+impl LawKeys {
+    /// Whether a key is among them.
+    pub fn has(&self, key: &str) -> bool {
+        self.required.contains(&key) || self.optional.contains(&key)
+    }
 }
 
 /// What a channel calls its keys, for messages.
@@ -70,13 +89,42 @@ pub struct KeyNames {
     pub unmatched_bound: &'static str,
     /// r_f.
     pub residual_norm_bound: &'static str,
+    /// Of the joint law: a field of its design, and the key that sets it.
+    pub joint: &'static [(&'static str, &'static str)],
+}
+
+impl KeyNames {
+    /// The key that sets a field of the joint law's design.
+    pub fn joint_key(&self, field: &str) -> &'static str {
+        self.joint.iter().find(|(known, _)| *known == field).map_or("law", |(_, key)| key)
+    }
+}
+
+/// The keys that only the gradient law has, but for its centers.
+macro_rules! gradient_keys {
+    (required $rate:ident $length_scale:ident $width:ident $buffer:ident $noise:ident $($more:ident)*;
+     optional $lower:ident $upper:ident $listed:ident $unmatched:ident $residual:ident $($other:ident)*) => {
+        LawKeys {
+            required: &[
+                $(stringify!($more),)* stringify!($rate), stringify!($length_scale), stringify!($width),
+                stringify!($buffer), stringify!($noise),
+            ],
+            optional: &[
+                stringify!($lower), stringify!($upper), stringify!($listed), stringify!($unmatched),
+                stringify!($residual), "nugget", "solver", "dead_zone", $(stringify!($other),)*
+            ],
+        }
+    };
 }
 
 macro_rules! channel {
     (
         $(#[$doc:meta])*
-        $Config:ident, messages name $inertia:tt $gain:tt $fix_gain:tt;
+        $Config:ident, messages name $inertia:tt $gain:tt $fix_gain:tt, law $law:expr;
         types { $Point:ty, $Counts:ty, $Rate:ty }
+        alternatives $alternatives:tt
+        gradient { required $($needed:ident)*; optional $($possible:ident)* }
+        joint { required $($joint_needed:ident)*; optional $($joint_possible:ident)*; names $joint_names:expr }
         words {
             sensor: $sensor:tt, output: $output:tt, outputs: $outputs:tt, measured: $measured:tt,
             rate: $rate_text:tt, unmatched: $unmatched_text:tt, unknown: $unknown:tt
@@ -94,10 +142,7 @@ macro_rules! channel {
         $(#[$doc])*
         #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
         #[serde(deny_unknown_fields)]
-        #[schemars(extend("oneOf" = [
-            { "required": [stringify!($lower), stringify!($upper), "centers_per_axis"] },
-            { "required": [stringify!($listed)] },
-        ]))]
+        #[schemars(extend("oneOf" = $alternatives))]
         pub struct $Config {
             $($first)*
             #[doc = concat!($sensor, " per second (default rate_hz); each is held for 1.5 periods, then the channel coasts.")]
@@ -108,8 +153,9 @@ macro_rules! channel {
             ///
             /// Higher learns faster and noisier. A rate that makes the sampled law unstable is refused with the
             /// largest stable one.
+            #[serde(skip_serializing_if = "Option::is_none")]
             #[schemars(example = $rate_example)]
-            pub $rate: $Rate,
+            pub $rate: Option<$Rate>,
             /// Kernel κ: "sobolev-matern-K" with its order K (the higher, the smoother what is learned), "gaussian",
             /// "wendland-c2" or "wendland-c4".
             #[serde(default)]
@@ -117,9 +163,10 @@ macro_rules! channel {
             #[doc = concat!("Length scale ℓ of the kernel: ", $outputs, " this far apart share what is learned. One number, or one per axis.")]
             ///
             /// One to two times the distance between centers, several times it with Wendland kernels; smaller
-            /// resolves finer detail and learns it more slowly.
+            /// resolves finer detail and learns it more slowly. Of the joint law the box's half-widths where absent.
+            #[serde(skip_serializing_if = "Option::is_none")]
             #[schemars(example = $length_example)]
-            pub $length_scale: LengthScaleConfig,
+            pub $length_scale: Option<LengthScaleConfig>,
             #[doc = concat!("Lower corner of the lattice of kernel centers, in the space of the ", $output, ".")]
             ///
             #[doc = concat!("The box must hold the ", $measured, ": outside of it the learned function fades, and the estimate says outside the centers. Needs the upper corner and the number per axis.")]
@@ -130,7 +177,7 @@ macro_rules! channel {
             #[serde(skip_serializing_if = "Option::is_none")]
             #[schemars(example = vec!$upper_example)]
             pub $upper: Option<$Point>,
-            /// Centers along each axis of the lattice.
+            /// Centers along each axis of the lattice; of the joint law's box 3, 3, 3 where absent.
             ///
             /// Spacing of about half a length scale to one; the memory and the time per step grow with the product.
             #[serde(skip_serializing_if = "Option::is_none")]
@@ -166,18 +213,21 @@ macro_rules! channel {
             ///
             /// Just above what the error is when nothing is to be learned: narrower learns noise, wider stops
             /// learning early.
+            #[serde(skip_serializing_if = "Option::is_none")]
             #[schemars(range(min = 0.0), example = $width_example)]
-            pub $width: f64,
+            pub $width: Option<f64>,
             /// Buffer ε over which the dead zone opens.
             ///
             /// About the width.
+            #[serde(skip_serializing_if = "Option::is_none")]
             #[schemars(extend("exclusiveMinimum" = 0.0), example = $buffer_example)]
-            pub $buffer: f64,
+            pub $buffer: Option<f64>,
             #[doc = concat!("Bound δ̄ on the norm of the ", $output, "'s measurement error.")]
             ///
             /// It widens the error bounds that `daemon check` and every estimate report, not the estimate.
+            #[serde(skip_serializing_if = "Option::is_none")]
             #[schemars(range(min = 0.0), example = $noise_example)]
-            pub $noise: f64,
+            pub $noise: Option<f64>,
             #[doc = concat!("Bound ξ̄ on ", $unmatched_text, "; it widens the guarantees, not the estimate.")]
             #[serde(default)]
             #[schemars(range(min = 0.0))]
@@ -203,14 +253,36 @@ macro_rules! channel {
                 noise_bound: stringify!($noise),
                 unmatched_bound: stringify!($unmatched),
                 residual_norm_bound: stringify!($residual),
+                joint: $joint_names,
             };
+
+            /// The keys that only the gradient law has.
+            pub const GRADIENT: LawKeys = gradient_keys! {
+                required $rate $length_scale $width $buffer $noise $($needed)*;
+                optional $lower $upper $listed $unmatched $residual $($possible)*
+            };
+            /// The keys that only the joint law has, and those that it may have and the gradient law must.
+            pub const JOINT: LawKeys = LawKeys {
+                required: &[$(stringify!($joint_needed)),*],
+                optional: &[$(stringify!($joint_possible)),*],
+            };
+
+            /// The keys of the joint law and of the gradient law.
+            pub const LAWS: [LawKeys; 2] = [Self::JOINT, Self::GRADIENT];
+
+            /// The law of the channel.
+            pub fn law(&self) -> LawName {
+                let law: fn(&Self) -> LawName = $law;
+                law(self)
+            }
 
             /// The keys that every channel has.
             pub fn common(&self) -> CommonKeys<'_> {
                 CommonKeys {
+                    law: self.law(),
                     sample_rate_hz: self.sample_rate_hz,
                     kernel: self.kernel,
-                    length_scale: &self.$length_scale,
+                    length_scale: self.$length_scale.as_ref(),
                     centers_lower: self.$lower.as_ref().map(|point| &point[..]),
                     centers_upper: self.$upper.as_ref().map(|point| &point[..]),
                     centers_per_axis: self.centers_per_axis.as_ref().map(|counts| &counts[..]),
@@ -231,8 +303,20 @@ macro_rules! channel {
 
 channel! {
     /// The translation channel.
-    TranslationConfig, messages name "mass_kg" "gain_per_s" "position_fix_gain_per_s";
+    TranslationConfig, messages name "mass_kg" "gain_per_s" "position_fix_gain_per_s", law |config| config.law;
     types { [f64; 3], [usize; 3], SymmetricMatrix }
+    alternatives [
+        { "required": ["velocity_noise_m_s", "speed_box_m_s"] },
+        { "required": ["gain_per_s", "adaptation_rate_kg_s2", "length_scale_m_s", "dead_zone_width_m_s",
+            "dead_zone_buffer_m_s", "noise_bound_m_s", "centers_lower_m_s", "centers_upper_m_s", "centers_per_axis"] },
+        { "required": ["gain_per_s", "adaptation_rate_kg_s2", "length_scale_m_s", "dead_zone_width_m_s",
+            "dead_zone_buffer_m_s", "noise_bound_m_s", "centers_listed_m_s"] },
+    ]
+    gradient {
+        required gain_per_s;
+        optional velocity_error_to_position position_fix_gain_per_s position_fix_hold_s
+    }
+    joint { required velocity_noise_m_s speed_box_m_s; optional position_noise_m joint length_scale_m_s; names TRANSLATION_NAMES }
     words {
         sensor: "Velocity measurements", output: "velocity", outputs: "speeds",
         measured: "velocities that are flown", rate: "a number, three numbers (diagonal) or 3 × 3",
@@ -246,6 +330,9 @@ channel! {
         unmatched_force_bound_n, residual_norm_bound_n, sample_rate_hz = 10.0
     }
     first {
+        /// How velocity and force are estimated: "joint" or "gradient".
+        #[serde(default)]
+        pub law: LawName,
         /// Nominal mass; under water with the added mass.
         ///
         /// What it gets wrong is learned as a force.
@@ -260,13 +347,33 @@ channel! {
         /// Another known constant force along the inertial axes, buoyancy say.
         #[serde(default)]
         pub known_force_n: [f64; 3],
+        /// Noise of the measured velocity, 1 σ of each axis: one number, or three.
+        ///
+        /// A factor of three off is found in flight. As of the sensor's data sheet, or of a log at rest.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        #[schemars(example = 0.05)]
+        pub velocity_noise_m_s: Option<AxisValues>,
+        /// Speeds that are flown, up to this along each inertial axis: one number, or three.
+        ///
+        /// The unknown force is learned as a function of the velocity within this box, and fades beyond.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        #[schemars(example = vec![4.0, 4.0, 2.0])]
+        pub speed_box_m_s: Option<AxisValues>,
+        /// Noise of a position fix, 1 σ of each axis.
+        #[serde(default = "position_noise_m")]
+        #[schemars(extend("exclusiveMinimum" = 0.0))]
+        pub position_noise_m: f64,
         /// Observer gain λ: how fast the velocity estimate follows the measurement.
         ///
         /// Higher trusts the sensor more, and lets more of its noise through; a few times below the sample rate.
+        #[serde(skip_serializing_if = "Option::is_none")]
         #[schemars(extend("exclusiveMinimum" = 0.0), example = 10.0)]
-        pub gain_per_s: f64,
+        pub gain_per_s: Option<f64>,
     }
     last {
+        /// What the joint law assumes of a vehicle; the defaults fly.
+        #[serde(default)]
+        pub joint: TranslationJoint,
         /// Gain L_r of the velocity error into the position; 0 is dead reckoning.
         ///
         /// Dimensionless. Position is not observable from velocity: it changes where errors go, not that they
@@ -290,8 +397,18 @@ channel! {
 
 channel! {
     /// The rotation channel.
-    RotationConfig, messages name "inertia_kg_m2" "gain_per_s" "attitude_fix_gain_per_s";
+    RotationConfig, messages name "inertia_kg_m2" "gain_per_s" "attitude_fix_gain_per_s", law |config| config.law;
     types { [f64; 3], [usize; 3], SymmetricMatrix }
+    alternatives [
+        { "required": ["angular_velocity_noise_rad_s", "rate_box_rad_s"] },
+        { "required": ["gain_per_s", "adaptation_rate_n_m", "length_scale_rad_s", "dead_zone_width_rad_s",
+            "dead_zone_buffer_rad_s", "noise_bound_rad_s", "centers_lower_rad_s", "centers_upper_rad_s",
+            "centers_per_axis"] },
+        { "required": ["gain_per_s", "adaptation_rate_n_m", "length_scale_rad_s", "dead_zone_width_rad_s",
+            "dead_zone_buffer_rad_s", "noise_bound_rad_s", "centers_listed_rad_s"] },
+    ]
+    gradient { required gain_per_s; optional attitude_fix_gain_per_s attitude_fix_hold_s }
+    joint { required angular_velocity_noise_rad_s rate_box_rad_s; optional attitude_noise_rad joint length_scale_rad_s; names ROTATION_NAMES }
     words {
         sensor: "Angular-velocity measurements", output: "angular velocity", outputs: "rates",
         measured: "angular velocities that are flown", rate: "a number, three numbers (diagonal) or 3 × 3",
@@ -305,6 +422,9 @@ channel! {
         unmatched_torque_bound_n_m, residual_norm_bound_n_m, sample_rate_hz = 100.0
     }
     first {
+        /// How angular velocity and torque are estimated: "joint" or "gradient".
+        #[serde(default)]
+        pub law: LawName,
         /// Nominal inertia, symmetric positive definite: a number, three numbers (diagonal) or 3 × 3.
         ///
         /// In body axes. What it gets wrong is learned as a torque.
@@ -315,13 +435,33 @@ channel! {
         /// "feedforward" for bodies that spin fast and whose inertia is known well.
         #[serde(default)]
         pub gyroscopic_torque: GyroscopicTorqueName,
+        /// Noise of the measured angular velocity, 1 σ of each axis: one number, or three.
+        ///
+        /// A factor of three off is found in flight. As of the sensor's data sheet, or of a log at rest.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        #[schemars(example = 0.01)]
+        pub angular_velocity_noise_rad_s: Option<AxisValues>,
+        /// Angular velocities that are flown, up to this about each body axis: one number, or three.
+        ///
+        /// The unknown torque is learned as a function of the angular velocity within this box, and fades beyond.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        #[schemars(example = vec![2.0, 2.0, 1.0])]
+        pub rate_box_rad_s: Option<AxisValues>,
+        /// Noise of an attitude fix, 1 σ of each component of its rotation vector.
+        #[serde(default = "attitude_noise_rad")]
+        #[schemars(extend("exclusiveMinimum" = 0.0))]
+        pub attitude_noise_rad: f64,
         /// Observer gain λ: how fast the angular-velocity estimate follows the measurement.
         ///
         /// Higher trusts the sensor more, and lets more of its noise through; a few times below the sample rate.
+        #[serde(skip_serializing_if = "Option::is_none")]
         #[schemars(extend("exclusiveMinimum" = 0.0), example = 40.0)]
-        pub gain_per_s: f64,
+        pub gain_per_s: Option<f64>,
     }
     last {
+        /// What the joint law assumes of a vehicle; the defaults fly.
+        #[serde(default)]
+        pub joint: RotationJoint,
         /// Gain L_q of attitude fixes; 0 uses only the first one.
         ///
         /// About one over the time in which a fix shall pull the attitude to itself.
@@ -339,8 +479,16 @@ channel! {
 
 channel! {
     /// `x' = A x + B (u + f(y)) + ξ`, `y = C x + δ`, with `output` and `input` of the measurement for y and u.
-    LinearConfig, messages name "a" "gain" "";
+    LinearConfig, messages name "a" "gain" "", law |_| LawName::Gradient;
     types { Vec<f64>, Vec<usize>, SquareMatrix }
+    alternatives [
+        { "required": ["adaptation_rate", "length_scale", "dead_zone_width", "dead_zone_buffer", "noise_bound",
+            "centers_lower", "centers_upper", "centers_per_axis"] },
+        { "required": ["adaptation_rate", "length_scale", "dead_zone_width", "dead_zone_buffer", "noise_bound",
+            "centers_listed"] },
+    ]
+    gradient { required; optional }
+    joint { required; optional; names &[] }
     words {
         sensor: "Outputs", output: "output", outputs: "outputs", measured: "outputs",
         rate: "a number, one per output (diagonal), or m × m",
@@ -389,4 +537,12 @@ channel! {
 
 fn fix_hold_s() -> f64 {
     0.25
+}
+
+fn position_noise_m() -> f64 {
+    0.5
+}
+
+fn attitude_noise_rad() -> f64 {
+    0.02
 }

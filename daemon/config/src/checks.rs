@@ -4,6 +4,7 @@ use crate::file::{ConfigError, ConfigFile};
 use crate::reference;
 use crate::schema::{SCHEMA, properties, table};
 use crate::service::Trigger;
+use crate::values::LawName;
 use serde_json::Value;
 
 /// Priority 99 is that of the kernel's own watchdog and migration threads.
@@ -21,6 +22,7 @@ impl ConfigFile {
     pub fn check(&self) -> Result<(), ConfigError> {
         let config = &self.config;
         self.check_real_time()?;
+        self.check_laws()?;
         let values = serde_json::to_value(config).expect("a configuration is a JSON document");
         for (name, schema) in properties(&SCHEMA) {
             let Some(value) = values.get(name) else { continue };
@@ -38,6 +40,35 @@ impl ConfigFile {
         if config.spin_us > 1e6 / config.rate_hz {
             let needed = format!("0 … {:.0}, the period of rate_hz (in µs)", 1e6 / config.rate_hz);
             return Err(self.refusal("spin_us", &config.spin_us.to_string(), &needed));
+        }
+        Ok(())
+    }
+
+    /// The keys of a channel are those of its law.
+    fn check_laws(&self) -> Result<(), ConfigError> {
+        let foreign = self.config.keys_of_other_laws();
+        if let Some(key) = foreign.iter().find(|key| self.is_given(key)) {
+            let law_key = format!("{}.law", key.split('.').next().unwrap_or(key));
+            let (law, other) = if self
+                .config
+                .laws()
+                .any(|(table, law, _)| key.starts_with(&format!("{table}.")) && law == LawName::Joint)
+            {
+                (LawName::Joint, LawName::Gradient)
+            } else {
+                (LawName::Gradient, LawName::Joint)
+            };
+            let default = if self.is_given(&law_key) { "" } else { " (the default)" };
+            let found = format!("it with {law_key} = \"{}\"{default}", law.name());
+            let needed = format!("{law_key} = \"{}\", or no such key", other.name());
+            return Err(self.refusal(key, &found, &needed));
+        }
+        let values = serde_json::to_value(&self.config).expect("a configuration is a JSON document");
+        for (table, law, [joint, gradient]) in self.config.laws() {
+            let own = if law == LawName::Joint { joint } else { gradient };
+            if let Some(key) = own.required.iter().find(|key| values[table].get(key).is_none()) {
+                return Err(self.missing(table, key, law));
+            }
         }
         Ok(())
     }

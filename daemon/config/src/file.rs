@@ -3,6 +3,7 @@
 use crate::presets::PRESETS;
 use crate::schema;
 use crate::service::Config;
+use crate::values::LawName;
 use std::path::Path;
 
 /// Why a configuration was refused.
@@ -90,6 +91,20 @@ impl ConfigFile {
         }
     }
 
+    /// Whether a key stands in the text.
+    pub(crate) fn is_given(&self, key: &str) -> bool {
+        self.source.key_offset(key).is_some()
+    }
+
+    /// A key that a channel's law needs is not there.
+    pub(crate) fn missing(&self, table: &str, key: &str, law: LawName) -> ConfigError {
+        let what = with_suggestion(&format!("missing field `{key}`"));
+        ConfigError {
+            place: self.source.place(self.source.offset_of(table)),
+            what: format!("[{table}] with law = \"{}\": {what}", law.name()),
+        }
+    }
+
     /// The effective configuration, defaults included, as TOML with a comment on every key.
     pub fn commented_toml(&self) -> String {
         let text = toml::to_string(&self.config).expect("a configuration is a TOML document");
@@ -99,8 +114,20 @@ impl ConfigFile {
         };
         let mut commented = format!("# Effective configuration of {}.\n", self.source.name);
         let mut table = String::new();
+        let foreign = self.config.keys_of_other_laws();
+        let is_foreign = |key: &str| foreign.iter().any(|other| other == key);
         for line in text.lines() {
-            if let Some(name) = line.strip_prefix('[').and_then(|rest| rest.strip_suffix(']')) {
+            let header = line.strip_prefix('[').and_then(|rest| rest.strip_suffix(']'));
+            if header.is_none() && is_foreign(table.trim_end_matches('.'))
+                || line.split_once(" = ").is_some_and(|(key, _)| is_foreign(&format!("{table}{key}")))
+            {
+                continue;
+            }
+            if let Some(name) = header.filter(|name| is_foreign(name)) {
+                table = format!("{name}.");
+                continue;
+            }
+            if let Some(name) = header {
                 table = format!("{name}.");
                 commented += &comment(name);
             } else if let Some((key, _)) = line.split_once(" = ") {
@@ -126,11 +153,23 @@ impl Source {
 
     /// Where `table.key` stands; where it does not, its table.
     fn offset_of(&self, key: &str) -> Option<usize> {
+        let outer = key.rsplit_once('.').map(|(outer, _)| outer);
+        self.key_offset(key).or_else(|| outer.and_then(|outer| self.offset_of(outer)))
+    }
+
+    /// Where `table.key` stands, if it does.
+    fn key_offset(&self, key: &str) -> Option<usize> {
         let document = toml::de::DeTable::parse(&self.text).ok()?;
-        let (table, name) = key.split_once('.').map_or((key, None), |(table, name)| (table, Some(name)));
-        let (at, value) = document.get_ref().get_key_value(table)?;
-        let inside = name.and_then(|name| value.get_ref().as_table()?.get_key_value(name));
-        Some(inside.map_or(at, |(at, _)| at).span().start)
+        let mut table = document.get_ref();
+        let mut names = key.split('.').peekable();
+        while let Some(name) = names.next() {
+            let (at, value) = table.get_key_value(name)?;
+            if names.peek().is_none() {
+                return Some(at.span().start);
+            }
+            table = value.get_ref().as_table()?;
+        }
+        None
     }
 }
 

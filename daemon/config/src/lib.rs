@@ -6,6 +6,7 @@
 //! |---|---|
 //! | [`service`] | the root, and the tables that do not belong to a channel |
 //! | [`channels`] | the table of the channels' keys |
+//! | [`joint`] | what the joint law assumes of a vehicle |
 //! | [`values`] | matrices, kernels, solvers, words |
 //! | [`real_time`] | `[real_time]` |
 //! | [`file`](mod@file) | a configuration with its text: reading, messages, printing |
@@ -19,6 +20,7 @@
 pub mod channels;
 pub mod checks;
 pub mod file;
+pub mod joint;
 pub mod presets;
 pub mod real_time;
 pub mod reference;
@@ -26,14 +28,15 @@ pub mod schema;
 pub mod service;
 pub mod values;
 
-pub use channels::{CommonKeys, KeyNames, LinearConfig, RotationConfig, TranslationConfig};
+pub use channels::{CommonKeys, KeyNames, LawKeys, LinearConfig, RotationConfig, TranslationConfig};
 pub use file::{ConfigError, ConfigFile};
+pub use joint::{RotationJoint, TranslationJoint};
 pub use presets::PRESETS;
 pub use real_time::RealTimeConfig;
 pub use service::{
     Clock, Config, DeadlineConfig, InitialConfig, InputConfig, SnapshotConfig, SourcePolicy, Trigger,
 };
 pub use values::{
-    DeadZoneName, GyroscopicTorqueName, KernelName, LengthScaleConfig, OutlierAction, SolverConfig,
-    SolverName, SolverOptions, SquareMatrix, SymmetricMatrix,
+    AxisValues, DeadZoneName, GyroscopicTorqueName, KernelName, LawName, LengthScaleConfig, OutlierAction,
+    SolverConfig, SolverName, SolverOptions, SquareMatrix, SymmetricMatrix,
 };

@@ -1,8 +1,8 @@
 //! The root of the configuration, and the tables that do not belong to a channel: initial state, input, deadlines, snapshots.
 
-use crate::channels::{LinearConfig, RotationConfig, TranslationConfig};
+use crate::channels::{CommonKeys, LawKeys, LinearConfig, RotationConfig, TranslationConfig};
 use crate::real_time::RealTimeConfig;
-use crate::values::OutlierAction;
+use crate::values::{LawName, OutlierAction};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -107,12 +107,39 @@ pub struct Config {
 }
 
 impl Config {
-    /// d of translation (m/s), rotation (rad/s), linear plant (its output's unit); 0 where there is no such channel.
+    /// d of translation (m/s), rotation (rad/s), linear plant (its output's unit); 0 where there is no such channel, and where
+    /// its law has no dead zone.
     pub fn dead_zone_width(&self) -> [f64; 3] {
-        let translation = self.translation.as_ref().map(|translation| translation.dead_zone_width_m_s);
-        let rotation = self.rotation.as_ref().map(|rotation| rotation.dead_zone_width_rad_s);
-        let linear = self.linear.as_ref().map(|linear| linear.dead_zone_width);
-        [translation, rotation, linear].map(Option::unwrap_or_default)
+        let translation = self.translation.as_ref().map(TranslationConfig::common);
+        let rotation = self.rotation.as_ref().map(RotationConfig::common);
+        let linear = self.linear.as_ref().map(LinearConfig::common);
+        let of_gradient =
+            |keys: CommonKeys<'_>| keys.dead_zone_width.filter(|_| keys.law == LawName::Gradient);
+        [translation, rotation, linear].map(|keys| keys.and_then(of_gradient).unwrap_or_default())
+    }
+
+    /// The law of each channel that there is, with the keys of the joint and of the gradient law.
+    pub fn laws(&self) -> impl Iterator<Item = (&'static str, LawName, [LawKeys; 2])> {
+        let translation = self.translation.as_ref().map(TranslationConfig::law);
+        let rotation = self.rotation.as_ref().map(RotationConfig::law);
+        let linear = self.linear.as_ref().map(LinearConfig::law);
+        [
+            translation.map(|law| ("translation", law, TranslationConfig::LAWS)),
+            rotation.map(|law| ("rotation", law, RotationConfig::LAWS)),
+            linear.map(|law| ("linear", law, LinearConfig::LAWS)),
+        ]
+        .into_iter()
+        .flatten()
+    }
+
+    /// The keys, `table.key`, that the channels' laws do not have.
+    pub fn keys_of_other_laws(&self) -> Vec<String> {
+        let foreign = |(table, law, [joint, gradient]): (_, LawName, [LawKeys; 2])| {
+            let (own, other) = if law == LawName::Joint { (joint, gradient) } else { (gradient, joint) };
+            let keys = other.required.iter().chain(other.optional).filter(move |key| !own.has(key));
+            keys.map(move |key| format!("{table}.{key}"))
+        };
+        self.laws().flat_map(foreign).collect()
     }
 }
 

@@ -30,6 +30,46 @@ pub enum SquareMatrix {
     Full(Vec<Vec<f64>>),
 }
 
+/// How a channel estimates its state and the unknown force.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum LawName {
+    /// One Kalman filter over the state and the unknown force as an element of the native space, with deviations.
+    #[default]
+    Joint,
+    /// The paper's adaptive observer, with its theorems and up to a million centers; it has no deviations.
+    Gradient,
+}
+
+impl LawName {
+    /// The word in a file.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Joint => "joint",
+            Self::Gradient => "gradient",
+        }
+    }
+}
+
+/// A number for all three axes, or one for each.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(untagged, expecting = "expected a number, or three numbers")]
+pub enum AxisValues {
+    /// The same for all.
+    All(f64),
+    /// One for each.
+    Each([f64; 3]),
+}
+
+impl From<AxisValues> for [f64; 3] {
+    fn from(values: AxisValues) -> Self {
+        match values {
+            AxisValues::All(value) => [value; 3],
+            AxisValues::Each(values) => values,
+        }
+    }
+}
+
 /// The kernel κ by name: `sobolev-matern-K` with the order K, `gaussian`, `wendland-c2`, `wendland-c4`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(try_from = "String", into = "String")]

@@ -392,8 +392,6 @@ impl<K: JointPose> JointChannel<K> {
         stamp_ns: u64,
     ) -> ChannelReport {
         let history = &self.history;
-        let (lower, upper) = self.filter.design().centers.bounding_box();
-        let is_outside = |axis: usize| !(lower[axis]..=upper[axis]).contains(&prediction.velocity[axis]);
         let teaches = !is_coasting && history.is_learning;
         ChannelReport {
             output_error: if is_coasting { 0.0 } else { history.output_error },
@@ -408,7 +406,7 @@ impl<K: JointPose> JointChannel<K> {
             },
             coasting: is_coasting,
             clamped: false,
-            outside_centers: (0..3).any(is_outside),
+            outside_centers: self.filter.is_outside(&prediction.velocity),
             nis: history.nis,
             reacquiring: history.is_reacquiring(),
         }
@@ -459,6 +457,11 @@ impl<K: JointPose> JointChannel<K> {
     /// The law: its design, and what of it a report needs.
     pub fn filter(&self) -> &JointFilter {
         &self.filter
+    }
+
+    /// Bytes that are held: two states, a checkpoint, and the law.
+    pub fn bytes(&self) -> usize {
+        2 * self.filter.bytes_of_state() + size_of_val(&*self.saved) + self.filter.bytes_of_step()
     }
 
     /// The state at the newest sample.

@@ -134,6 +134,7 @@ pub use report::certificate::Certificate;
 pub use report::cover::{LengthScaleEffect, length_scale_effect};
 pub use report::design_report::DesignReport;
 pub use report::findings::{Finding, Verdict};
+pub use report::joint_report::{ExpectedStd, JointReport};
 pub use report::lure_pair::LurePair;
 pub use rigid_body::{
     Deviations, InitialState, RigidBodyEstimate, RigidBodyObserver, RotationLaw, Sample, TranslationLaw,

@@ -1,11 +1,13 @@
 //! `daemon check`: prints what is proven for a configuration.
 
 use super::arguments::DesignArguments;
-use crate::check::{ChannelCheck, MAX_CENTERS_TO_COMPARE, checks};
-use crate::config::ConfigFile;
+use crate::check::{self, ChannelCheck, LawReport, MAX_CENTERS_TO_COMPARE, StepTime, Units, checks};
+use crate::config::{ConfigError, ConfigFile};
 use clap::Args;
 use comfy_table::{ContentArrangement, Table, presets::NOTHING};
-use observer::{Certificate, SolverInUse, Verdict};
+use observer::{
+    Certificate, DesignReport, ExpectedStd, JointReport, LengthScaleEffect, SolverInUse, Verdict,
+};
 use rustix::stdio::stdout;
 use rustix::termios::tcgetwinsize;
 use serde_json::{Value, json};
@@ -24,36 +26,124 @@ pub(super) struct CheckArguments {
 pub(super) fn run(arguments: &CheckArguments) -> anyhow::Result<()> {
     let file = arguments.design.read()?;
     let checks = checks(&file)?;
-    if arguments.json {
-        outln!("{}", serde_json::to_string_pretty(&document(&file, &checks))?);
-    } else {
-        outln!("{}\n", file.name());
-        checks.iter().for_each(print);
-    }
     // The same refusal as that of `daemon run`, and the same exit code.
-    match checks.iter().find_map(ChannelCheck::refusal) {
-        Some(refusal) => Err(refusal.clone().into()),
-        None => Ok(()),
+    let refusal = refusal(&file, &checks);
+    if arguments.json {
+        outln!("{}", serde_json::to_string_pretty(&document(&file, &checks, refusal.as_ref()))?);
+    } else {
+        outln!("{}: {}\n", if refusal.is_none() { "ready" } else { "not ready" }, file.name());
+        checks.iter().for_each(|check| print(&file, check));
     }
+    refusal.map_or(Ok(()), |refusal| Err(refusal.into()))
+}
+
+/// Why `daemon run` refuses the configuration, if it does.
+fn refusal(file: &ConfigFile, checks: &[ChannelCheck]) -> Option<ConfigError> {
+    let of_channel = checks.iter().find_map(ChannelCheck::refusal).cloned();
+    let times = || checks.iter().filter_map(|check| check.step_time.as_ref().ok());
+    let all = StepTime {
+        median_ns: times().map(|time| time.median_ns).sum(),
+        samples: times().map(|time| time.samples).min().unwrap_or(0),
+    };
+    of_channel.or_else(|| check::fits(file, &all).err())
 }
 
 /// The document of `--json`.
-fn document(file: &ConfigFile, checks: &[ChannelCheck]) -> Value {
-    let channels: Vec<_> = checks.iter().map(channel_document).collect();
-    json!({ "configuration": file.name(), "channels": channels })
+fn document(file: &ConfigFile, checks: &[ChannelCheck], refusal: Option<&ConfigError>) -> Value {
+    let channels: Vec<_> = checks
+        .iter()
+        .map(|check| {
+            let mut document = match &check.report {
+                LawReport::Gradient { report, length_scales } => {
+                    gradient_document(check, report, length_scales)
+                }
+                LawReport::Joint(report) => joint_document(check, report),
+            };
+            document["period_ns"] = check::period_ns(file).into();
+            document
+        })
+        .collect();
+    json!({
+        "configuration": file.name(),
+        "ready": refusal.is_none(),
+        "reasons": refusal.map(ToString::to_string).into_iter().collect::<Vec<_>>(),
+        "channels": channels,
+    })
+}
+
+/// The keys of the theorems, which are about the gradient law.
+const KEYS_OF_THEOREMS: [&str; 11] = [
+    "hurwitz",
+    "lambda_min",
+    "pl_norm",
+    "e0",
+    "sup_power_function",
+    "d_n",
+    "dead_zone_width",
+    "dead_zone_admissible",
+    "sampled_data_stable",
+    "largest_stable_adaptation_rate",
+    "adaptation_rate",
+];
+
+fn joint_document(check: &ChannelCheck, report: &JointReport) -> Value {
+    let expected = |expected: &ExpectedStd| {
+        let mut document = json!({ "coast_s": expected.coast_s });
+        for (name, unit, std) in [
+            ("output", check.units.output, expected.output),
+            ("pose", check.units.pose, expected.pose),
+            ("force", check.units.force, expected.force),
+        ] {
+            document[format!("{name}_std_{}", in_key(unit))] = json!(std);
+        }
+        document
+    };
+    let mut document = json!({
+        "name": check.name,
+        "law": "joint",
+        "output_unit": check.units.output,
+        "controllable": true,
+        "observable": report.unobservable.is_empty(),
+        "unobservable": report.unobservable,
+        "n_rows": report.n_rows,
+        "n_centers": report.n_centers,
+        "gram_condition": report.gram_condition,
+        "bytes": report.bytes,
+        "memory_bytes": report.memory_bytes,
+        "step_ns": check.step_time.as_ref().ok().map(|time| time.median_ns),
+        "step_samples": check.step_time.as_ref().map_or(0, |time| time.samples),
+        "expected_std": report.expected_std.iter().map(expected).collect::<Vec<_>>(),
+    });
+    if let Err(refusal) = &check.step_time {
+        document["step_ns_reason"] = format!("daemon run refuses this channel: {refusal}").into();
+    }
+    for key in KEYS_OF_THEOREMS {
+        document[key] = Value::Null;
+        document[format!("{key}_reason")] = "of the theorems on law = \"gradient\"".into();
+    }
+    document
+}
+
+/// A unit at the end of a key.
+fn in_key(unit: &str) -> String {
+    unit.replace("N·m", "n_m").replace('/', "_").replace('N', "n")
 }
 
 fn rows(matrix: &nalgebra::DMatrix<f64>) -> Vec<Vec<f64>> {
     matrix.row_iter().map(|row| row.iter().copied().collect()).collect()
 }
 
-fn channel_document(check: &ChannelCheck) -> Value {
-    let report = &check.report;
+fn gradient_document(
+    check: &ChannelCheck,
+    report: &DesignReport,
+    length_scales: &[LengthScaleEffect],
+) -> Value {
     let certificate = report.certificate.as_ref();
     let pair = report.lure.as_ref().ok();
     let mut document = json!({
         "name": check.name,
-        "output_unit": check.units.0,
+        "law": "gradient",
+        "output_unit": check.units.output,
         "states": report.states,
         "controllable": report.controllable,
         "observable": report.observable,
@@ -103,14 +193,14 @@ fn channel_document(check: &ChannelCheck) -> Value {
         "solver_predicted_error": predicted_error,
         "step_ns": check.step_time.as_ref().ok().map(|time| time.median_ns),
         "step_samples": check.step_time.as_ref().map_or(0, |time| time.samples),
-        "length_scale_effect": check.length_scales,
+        "length_scale_effect": length_scales,
         "findings": report.findings(),
     });
     let reasons = document.as_object_mut().expect("an object was made");
     reasons
         .extend(numbers.as_object().into_iter().flatten().map(|(key, value)| (key.clone(), value.clone())));
     let nothing_compared = format!("not compared with more than {MAX_CENTERS_TO_COMPARE} centers");
-    if check.length_scales.is_empty() {
+    if length_scales.is_empty() {
         reasons.insert("length_scale_effect".into(), Value::Null);
     }
     let missing: Vec<_> =
@@ -130,11 +220,82 @@ fn channel_document(check: &ChannelCheck) -> Value {
 }
 
 /// Prints one channel for people.
-fn print(check: &ChannelCheck) {
-    let report = &check.report;
+fn print(file: &ConfigFile, check: &ChannelCheck) {
+    match &check.report {
+        LawReport::Gradient { report, length_scales } => print_gradient(file, check, report, length_scales),
+        LawReport::Joint(report) => print_joint(file, check, report),
+    }
+}
+
+fn print_joint(file: &ConfigFile, check: &ChannelCheck, report: &JointReport) {
+    outln!("{}, joint law, {} centers, {} rows", check.name, report.n_centers, report.n_rows);
+    let mut facts = wide_table();
+    for hidden in &report.unobservable {
+        facts.add_row(["not observable", hidden]);
+    }
+    facts.add_row(["memory", &format!("{} bytes", report.memory_bytes)]);
+    facts.add_row(["one step", &format!("{} bytes read, {}", report.bytes, step_in_words(file, check))]);
+    outln!("{facts}\n");
+    let mut table = Table::new();
+    table.load_style(NOTHING);
+    let Units { output, pose, force, .. } = check.units;
+    let column = |name: &str, unit: &str| format!("{name} ({unit})");
+    let (pose_name, output_name, force_name) = match check.name {
+        "translation" => ("position", "velocity", "force"),
+        _ => ("attitude", "rate", "torque"),
+    };
+    table.set_header([
+        "expected 1 σ".to_owned(),
+        column(output_name, output),
+        column(pose_name, pose),
+        column(force_name, force),
+    ]);
+    for expected in &report.expected_std {
+        let when = match expected.coast_s > 0.0 {
+            true => format!("after {} s without outputs", Number(expected.coast_s)),
+            false => "after 10 s of flight".to_owned(),
+        };
+        let largest = |std: [f64; 3]| Number(std.into_iter().fold(0.0, f64::max)).to_string();
+        table.add_row([when, largest(expected.output), largest(expected.pose), largest(expected.force)]);
+    }
+    outln!("{table}\n");
+}
+
+/// Three digits.
+struct Number(f64);
+
+impl std::fmt::Display for Number {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let text = format!("{:.3}", Short(self.0));
+        match text.contains('.') && !text.contains('e') {
+            true => f.write_str(text.trim_end_matches('0').trim_end_matches('.')),
+            false => f.write_str(&text),
+        }
+    }
+}
+
+/// `3.21 µs of the period's 5000 (median of 400 here)`
+fn step_in_words(file: &ConfigFile, check: &ChannelCheck) -> String {
+    match &check.step_time {
+        Ok(time) => format!(
+            "{:.2} µs of a period of {:.0} µs (median of {} here)",
+            time.median_ns as f64 / 1e3,
+            check::period_ns(file) as f64 / 1e3,
+            time.samples
+        ),
+        Err(_) => "not measured: daemon run would refuse this channel".into(),
+    }
+}
+
+fn print_gradient(
+    file: &ConfigFile,
+    check: &ChannelCheck,
+    report: &DesignReport,
+    length_scales: &[LengthScaleEffect],
+) {
     let unit = |unit: &str| if unit.is_empty() { String::new() } else { format!(" {unit}") };
-    let (output_unit, rate_unit) = (unit(check.units.0), unit(check.units.1));
-    outln!("{}, {} centers", check.name, report.n_centers);
+    let (output_unit, rate_unit) = (unit(check.units.output), unit(check.units.adaptation_rate));
+    outln!("{}, gradient law, {} centers", check.name, report.n_centers);
     let mut table = wide_table();
     for finding in report.findings() {
         table.add_row([word(finding.verdict), &finding.condition, &finding.detail]);
@@ -145,15 +306,9 @@ fn print(check: &ChannelCheck) {
     let mut fact = |name: &str, value: String| {
         facts.add_row([name, &value]);
     };
-    let step = match &check.step_time {
-        Ok(time) => {
-            format!("{:.2} µs (median of {} here)", time.median_ns as f64 / 1e3, time.samples)
-        }
-        Err(_) => "not measured: daemon run would refuse this channel".into(),
-    };
     fact("solver", report.solver.to_string());
     fact("memory", format!("{} bytes", report.memory_bytes));
-    fact("one step", format!("{} bytes read, {step}", report.bytes));
+    fact("one step", format!("{} bytes read, {}", report.bytes, step_in_words(file, check)));
     fact(
         if report.solver == SolverInUse::Dense { "centers" } else { "centers of one block" },
         format!(
@@ -172,13 +327,13 @@ fn print(check: &ChannelCheck) {
     fact("largest stable adaptation rate", format!("{:.4}{rate_unit}", Short(largest)));
     outln!("{facts}");
 
-    if !check.length_scales.is_empty() {
+    if !length_scales.is_empty() {
         let mut table = Table::new();
         table.load_style(NOTHING);
         table.set_header(["length scale ×", "cond(K)", "sup P_N / √κ(0)"]);
         let or_singular =
             |value: Option<f64>| value.map_or("singular".into(), |x| format!("{:.4}", Short(x)));
-        for effect in &check.length_scales {
+        for effect in length_scales {
             table.add_row([
                 effect.factor.to_string(),
                 or_singular(effect.gram_condition),

@@ -5,5 +5,6 @@ pub(crate) mod certificate;
 pub(crate) mod cover;
 pub(crate) mod design_report;
 pub(crate) mod findings;
+pub(crate) mod joint_report;
 pub(crate) mod lure_pair;
 pub(crate) mod words;

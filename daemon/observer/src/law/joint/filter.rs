@@ -24,8 +24,9 @@ pub struct JointFilter {
     pub(super) rates_per_s: Vec<f64>,
     /// Diagonal of P before the first output: σ_d², and 1 of the weights.
     prior_variances: Vec<f64>,
-    /// Center and largest half-width of the box: the scale of the linear rows.
+    /// Center and half-widths of the box; the largest is the scale of the linear rows.
     pub(super) box_center: [f64; 3],
+    half_widths: [f64; 3],
     pub(super) largest_half_width: f64,
     pub(super) scales: Scales,
     pub(super) buffers: FeatureBuffers,
@@ -66,7 +67,7 @@ impl JointFilter {
         prior_variances[KERNEL..n].fill(1.0);
         prior_variances[DISTURBANCE] = design.prior.disturbance * design.prior.disturbance;
         let (lower, upper) = design.centers.bounding_box();
-        let half_widths = (0..3).map(|axis| 0.5 * (upper[axis] - lower[axis]));
+        let half_widths = std::array::from_fn(|axis| 0.5 * (upper[axis] - lower[axis]));
         let vector = || vec![0.0; n_padded];
         Ok(Self {
             unit: VectorUnit::of_this_machine(),
@@ -75,7 +76,8 @@ impl JointFilter {
             rates_per_s,
             prior_variances,
             box_center: std::array::from_fn(|axis| 0.5 * (upper[axis] + lower[axis])),
-            largest_half_width: half_widths.fold(0.0, f64::max),
+            half_widths,
+            largest_half_width: half_widths.into_iter().fold(0.0, f64::max),
             scales: Scales { h_s: 0.0, weights_stay: false, factors: vec![1.0; n_padded] },
             buffers: FeatureBuffers::new(&space),
             features: vector(),
@@ -148,6 +150,27 @@ impl JointFilter {
     /// n: velocity, disturbance, weights, and the position where there is one.
     pub fn n_rows(&self) -> usize {
         self.n - usize::from(self.design.position_noise.is_none())
+    }
+
+    /// Whether a velocity lies outside of the box.
+    pub(crate) fn is_outside(&self, velocity: &[f64; 3]) -> bool {
+        (0..3).any(|axis| (velocity[axis] - self.box_center[axis]).abs() > self.half_widths[axis])
+    }
+
+    /// Bytes that a step reads: the factor of the features, and P.
+    pub fn bytes_of_step(&self) -> usize {
+        let n_centers = self.design.centers.n_centers();
+        size_of::<f64>() * (n_centers * (n_centers + 1) / 2 + self.n_padded * self.n_padded)
+    }
+
+    /// Bytes of one state: three P, three columns of X, ψ̄.
+    pub(crate) fn bytes_of_state(&self) -> usize {
+        size_of::<f64>() * (3 * self.n_padded * self.n_padded + 4 * self.n_padded)
+    }
+
+    /// cond(K).
+    pub fn gram_condition(&self) -> f64 {
+        self.space.gram_condition()
     }
 
     /// The design.
