@@ -387,6 +387,16 @@ impl<K: JointPose> JointChannel<K> {
         self.ahead_steps = Some(steps);
     }
 
+    /// The filter's state at the newest sample.
+    pub fn state(&self) -> &JointState {
+        &self.at.state
+    }
+
+    /// p, the number of weights of each axis.
+    pub fn n_weights(&self) -> usize {
+        self.filter.n_weights()
+    }
+
     /// Forgets the state, not what was learned: begins again with the next output, at any stamp.
     pub fn restart(&mut self, pose: K) {
         self.filter.restart(&mut self.at.state);

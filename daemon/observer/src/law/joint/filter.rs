@@ -6,7 +6,7 @@ use super::design::JointDesign;
 use super::excitation::Excitation;
 use super::lags::Lags;
 use super::noise_levels::NoiseLevels;
-use super::rows::{DISTURBANCE, KERNEL, POSITION, VELOCITY, WEIGHTS};
+use super::rows::{DISTURBANCE, KERNEL, N_PARAMETRIC, POSITION, VELOCITY, WEIGHTS};
 use super::state::{JointScalars, JointState};
 use super::stray::StraySamples;
 use super::teaches::Teaches;
@@ -130,6 +130,11 @@ impl JointFilter {
     /// n: velocity, disturbance, weights, and the position where there is one.
     pub fn n_rows(&self) -> usize {
         self.n - usize::from(self.design.position_noise.is_none())
+    }
+
+    /// p, the number of weights of each axis.
+    pub fn n_weights(&self) -> usize {
+        N_PARAMETRIC + self.n - KERNEL
     }
 
     /// The design.
