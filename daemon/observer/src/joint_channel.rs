@@ -4,7 +4,7 @@
 //! sample before. A question between two samples is answered from the newest point of that grid, and changes nothing: any
 //! reader, any tick rate and any replay gets the same bits for the same samples and the same instant.
 //!
-//! A gap begins when neither a sample nor a command came for 1.5 of their usual periods (joint.md §3b). Grid points are set
+//! A gap begins when neither an output nor a command came for 1.5 periods, each of its own (joint.md §3b). Grid points are set
 //! at its start, so that what is predicted does not depend on the question.
 
 use crate::design::GyroscopicTorque;
@@ -32,6 +32,8 @@ const STEPS_OF_A_LONG_COAST: u64 = 4096;
 const PERIODS_TO_A_GAP: f64 = 1.5;
 /// The usual period follows the periods by this much of their difference.
 const PERIOD_RATE: f64 = 0.1;
+/// A longer time counts as this many periods.
+const MAX_PERIODS_COUNTED: u64 = 3;
 /// A channel tracks again after this many samples in a row within the gate.
 const SAMPLES_TO_TRACK: u32 = 3;
 
@@ -76,9 +78,9 @@ struct JointHistory {
     command: Vector3<f64>,
     /// Stamp of the newest output (ns).
     output_stamp_ns: Option<u64>,
-    /// Stamp of the newest sample or command (ns), and their usual period.
-    event_ns: Option<u64>,
-    period_ns: u64,
+    /// When outputs and when commands come.
+    outputs: Rhythm,
+    commands: Rhythm,
     /// Samples in a row within the gate, up to those that are needed.
     samples_within: u32,
     /// Mean of e²/S of the newest output.
@@ -92,8 +94,8 @@ impl JointHistory {
         Self {
             command: Vector3::zeros(),
             output_stamp_ns: None,
-            event_ns: None,
-            period_ns: 0,
+            outputs: Rhythm::default(),
+            commands: Rhythm::default(),
             samples_within: 0,
             nis: 0.0,
             is_learning: true,
@@ -104,28 +106,44 @@ impl JointHistory {
         if self.is_learning { Teaches::All } else { Teaches::State }
     }
 
-    /// When a gap begins if nothing comes (ns).
+    /// When a gap begins if nothing comes (ns): outputs and commands are late, each by its own period.
     fn gap_start_ns(&self) -> u64 {
-        match self.event_ns {
-            Some(event_ns) if self.period_ns > 0 => {
-                event_ns.saturating_add((PERIODS_TO_A_GAP * self.period_ns as f64) as u64)
-            }
-            _ => u64::MAX,
+        match (self.outputs.late_ns(), self.commands.late_ns()) {
+            (Some(output_ns), Some(command_ns)) => output_ns.max(command_ns),
+            (late_ns, None) | (None, late_ns) => late_ns.unwrap_or(u64::MAX),
         }
     }
+}
 
-    fn see_event(&mut self, stamp_ns: u64) {
-        if let Some(before_ns) = self.event_ns {
+/// When something usually comes.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+struct Rhythm {
+    /// Stamp of the newest one (ns).
+    newest_ns: Option<u64>,
+    /// The usual period (ns); 0 before the second one.
+    period_ns: u64,
+}
+
+impl Rhythm {
+    /// Sees one. Two of one stamp are one; an outage counts as a few periods, so that a slower rhythm is found, too.
+    fn see(&mut self, stamp_ns: u64) {
+        if let Some(before_ns) = self.newest_ns {
             let period_ns = stamp_ns.saturating_sub(before_ns);
-            // What is much longer is an outage and no period.
             if self.period_ns == 0 {
                 self.period_ns = period_ns;
-            } else if period_ns < 3 * self.period_ns {
-                let change = PERIOD_RATE * (period_ns as f64 - self.period_ns as f64);
-                self.period_ns = (self.period_ns as f64 + change) as u64;
+            } else if period_ns > 0 {
+                let counted_ns = period_ns.min(MAX_PERIODS_COUNTED.saturating_mul(self.period_ns));
+                let change = PERIOD_RATE * (counted_ns as f64 - self.period_ns as f64);
+                self.period_ns = (self.period_ns as f64 + change).ceil() as u64;
             }
         }
-        self.event_ns = Some(stamp_ns);
+        self.newest_ns = Some(stamp_ns);
+    }
+
+    /// From when on the next one is late (ns).
+    fn late_ns(&self) -> Option<u64> {
+        let late_ns = (PERIODS_TO_A_GAP * self.period_ns as f64) as u64;
+        self.newest_ns.filter(|_| self.period_ns > 0).map(|newest_ns| newest_ns.saturating_add(late_ns))
     }
 }
 
@@ -292,10 +310,11 @@ impl<K: JointPose> JointChannel<K> {
         if state.is_started() && self.filter.design().position_noise.is_some() {
             self.filter.update_position(state, &sample.position, &position_std, teaches);
         }
-        let is_event =
-            agreement.is_some() || sample.command.is_some() || sample.position.iter().any(Option::is_some);
-        if is_event {
-            history.see_event(stamp_ns);
+        if agreement.is_some() {
+            history.outputs.see(stamp_ns);
+        }
+        if sample.command.is_some() {
+            history.commands.see(stamp_ns);
         }
         self.ahead_steps = None;
         agreement
