@@ -4,7 +4,7 @@
 //! sample before. A question between two samples is answered from the newest point of that grid, and changes nothing: any
 //! reader, any tick rate and any replay gets the same bits for the same samples and the same instant.
 //!
-//! A gap begins when neither a sample nor a command came for 1.5 of their usual periods (joint.md §3b). Grid points are set
+//! A gap begins when neither an output nor a command came for 1.5 periods, each of its own (joint.md §3b). Grid points are set
 //! at its start, so that what is predicted does not depend on the question.
 
 use crate::design::GyroscopicTorque;
@@ -294,7 +294,9 @@ impl<K: JointPose> JointChannel<K> {
         }
         self.history.command = sample.command.unwrap_or(self.history.command);
         let agreement = self.update(stamp_ns, sample, teaches);
-        self.history.see_event(stamp_ns);
+        if sample.command.is_some() {
+            self.history.see_command(stamp_ns);
+        }
         self.ahead_steps = None;
         agreement
     }
@@ -434,6 +436,16 @@ impl<K: JointPose> JointChannel<K> {
         self.ahead_steps = Some(steps);
     }
 
+    /// The filter's state at the newest sample.
+    pub fn state(&self) -> &JointState {
+        &self.at.state
+    }
+
+    /// p, the number of weights of each axis.
+    pub fn n_weights(&self) -> usize {
+        self.filter.n_weights()
+    }
+
     /// Forgets the state, not what was learned: begins again with the next output, at any stamp.
     pub fn restart(&mut self) {
         self.filter.restart(&mut self.at.state);
@@ -462,11 +474,6 @@ impl<K: JointPose> JointChannel<K> {
     /// Bytes that are held: two states, a checkpoint, and the law.
     pub fn bytes(&self) -> usize {
         2 * self.filter.bytes_of_state() + size_of_val(&*self.saved) + self.filter.bytes_of_step()
-    }
-
-    /// The state at the newest sample.
-    pub fn state(&self) -> &JointState {
-        &self.at.state
     }
 }
 

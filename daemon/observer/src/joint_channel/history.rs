@@ -8,8 +8,8 @@ use serde::{Deserialize, Serialize};
 const PERIODS_TO_A_GAP: f64 = 1.5;
 /// The usual period follows the periods by this much of their difference.
 const PERIOD_RATE: f64 = 0.1;
-/// After more periods in a row than this that are three times as long, they are the usual ones.
-const MAX_LONG_PERIODS: u32 = 4;
+/// A longer time counts as this many periods.
+const MAX_PERIODS_COUNTED: u64 = 3;
 /// A channel tracks again after this many outputs in a row within the gate.
 const OUTPUTS_TO_TRACK: u32 = 3;
 
@@ -20,10 +20,9 @@ pub(crate) struct JointHistory {
     pub(crate) command: Vector3<f64>,
     /// Stamp of the newest output (ns).
     pub(crate) output_stamp_ns: Option<u64>,
-    /// Stamp of the newest sample or command (ns), and their usual period.
-    event_ns: Option<u64>,
-    period_ns: u64,
-    long_periods: u32,
+    /// When outputs and when commands come.
+    outputs: Rhythm,
+    commands: Rhythm,
     /// Outputs in a row within the gate, up to those that are needed.
     outputs_within: u32,
     /// Mean of e²/S of the newest output.
@@ -39,9 +38,8 @@ impl JointHistory {
         Self {
             command: Vector3::zeros(),
             output_stamp_ns: None,
-            event_ns: None,
-            period_ns: 0,
-            long_periods: 0,
+            outputs: Rhythm::default(),
+            commands: Rhythm::default(),
             outputs_within: 0,
             nis: 0.0,
             output_error: 0.0,
@@ -58,37 +56,56 @@ impl JointHistory {
         self.outputs_within < OUTPUTS_TO_TRACK
     }
 
-    /// When a gap begins if nothing comes (ns).
+    /// When a gap begins if nothing comes (ns): outputs and commands are late, each by its own period.
     pub(crate) fn gap_start_ns(&self) -> u64 {
-        match self.event_ns {
-            Some(event_ns) if self.period_ns > 0 => {
-                event_ns.saturating_add((PERIODS_TO_A_GAP * self.period_ns as f64) as u64)
-            }
-            _ => u64::MAX,
+        match (self.outputs.late_ns(), self.commands.late_ns()) {
+            (Some(output_ns), Some(command_ns)) => output_ns.max(command_ns),
+            (late_ns, None) | (None, late_ns) => late_ns.unwrap_or(u64::MAX),
         }
     }
 
-    /// An output, or a command: the usual period follows.
-    pub(crate) fn see_event(&mut self, stamp_ns: u64) {
-        if let Some(before_ns) = self.event_ns {
-            let period_ns = stamp_ns.saturating_sub(before_ns);
-            // What is much longer is an outage and no period, unless it is so again and again.
-            let is_long = self.period_ns > 0 && period_ns >= 3 * self.period_ns;
-            self.long_periods = if is_long { self.long_periods + 1 } else { 0 };
-            if self.period_ns == 0 || self.long_periods > MAX_LONG_PERIODS {
-                (self.period_ns, self.long_periods) = (period_ns, 0);
-            } else if !is_long {
-                let change = PERIOD_RATE * (period_ns as f64 - self.period_ns as f64);
-                self.period_ns = (self.period_ns as f64 + change) as u64;
-            }
-        }
-        self.event_ns = Some(stamp_ns);
+    /// A command came.
+    pub(crate) fn see_command(&mut self, stamp_ns: u64) {
+        self.commands.see(stamp_ns);
     }
 
     /// An output with this e, within the gate or not, after an outage or not.
     pub(crate) fn see_output(&mut self, stamp_ns: u64, output_error: f64, nis: f64, agrees: bool) {
         let within = if agrees { self.outputs_within + 1 } else { 0 };
         self.outputs_within = within.min(OUTPUTS_TO_TRACK);
+        self.outputs.see(stamp_ns);
         (self.output_stamp_ns, self.nis, self.output_error) = (Some(stamp_ns), nis, output_error);
+    }
+}
+
+/// When something usually comes.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+struct Rhythm {
+    /// Stamp of the newest one (ns).
+    newest_ns: Option<u64>,
+    /// The usual period (ns); 0 before the second one.
+    period_ns: u64,
+}
+
+impl Rhythm {
+    /// Sees one. Two of one stamp are one; an outage counts as a few periods, so that a slower rhythm is found, too.
+    fn see(&mut self, stamp_ns: u64) {
+        if let Some(before_ns) = self.newest_ns {
+            let period_ns = stamp_ns.saturating_sub(before_ns);
+            if self.period_ns == 0 {
+                self.period_ns = period_ns;
+            } else if period_ns > 0 {
+                let counted_ns = period_ns.min(MAX_PERIODS_COUNTED.saturating_mul(self.period_ns));
+                let change = PERIOD_RATE * (counted_ns as f64 - self.period_ns as f64);
+                self.period_ns = (self.period_ns as f64 + change).ceil() as u64;
+            }
+        }
+        self.newest_ns = Some(stamp_ns);
+    }
+
+    /// From when on the next one is late (ns).
+    fn late_ns(&self) -> Option<u64> {
+        let late_ns = (PERIODS_TO_A_GAP * self.period_ns as f64) as u64;
+        self.newest_ns.filter(|_| self.period_ns > 0).map(|newest_ns| newest_ns.saturating_add(late_ns))
     }
 }

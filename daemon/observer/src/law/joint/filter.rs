@@ -4,7 +4,7 @@ use super::covariance::Covariance;
 use super::design::JointDesign;
 use super::excitation::Excitation;
 use super::lags::Lags;
-use super::rows::{DISTURBANCE, KERNEL, POSITION, VELOCITY, WEIGHTS};
+use super::rows::{DISTURBANCE, KERNEL, N_PARAMETRIC, POSITION, VELOCITY, WEIGHTS};
 use super::state::{JointScalars, JointState};
 use super::teaches::Teaches;
 use crate::error::DesignError;
@@ -150,6 +150,11 @@ impl JointFilter {
     /// n: velocity, disturbance, weights, and the position where there is one.
     pub fn n_rows(&self) -> usize {
         self.n - usize::from(self.design.position_noise.is_none())
+    }
+
+    /// p, the number of weights of each axis.
+    pub fn n_weights(&self) -> usize {
+        N_PARAMETRIC + self.n - KERNEL
     }
 
     /// Whether a velocity lies outside of the box.

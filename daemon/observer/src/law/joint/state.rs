@@ -7,7 +7,7 @@ use super::lags::Lags;
 use super::noise_levels::NoiseLevels;
 use super::rows::{KERNEL, POSITION, VELOCITY, WEIGHTS};
 use super::stray::StraySamples;
-use nalgebra::Vector3;
+use nalgebra::{DMatrix, Vector3};
 use serde::{Deserialize, Serialize};
 
 /// All that the filter's future depends on.
@@ -156,11 +156,14 @@ impl JointState {
 
     /// ‖θ‖.
     pub fn weights_norm(&self) -> f64 {
-        let weights = |column: &Vec<f64>| -> f64 {
-            let theta = column[WEIGHTS..POSITION].iter().chain(&column[KERNEL..]);
-            theta.map(|weight| weight * weight).sum()
-        };
-        self.mean.iter().map(weights).sum::<f64>().sqrt()
+        (0..3).map(|axis| self.weights_square(axis)).sum::<f64>().sqrt()
+    }
+
+    /// ‖θ‖² of one axis: the square of the native norm of what was learned of it. Its prior mean is p, the number of weights.
+    pub fn weights_square(&self, axis: usize) -> f64 {
+        let column = &self.mean[axis];
+        let theta = column[WEIGHTS..POSITION].iter().chain(&column[KERNEL..]);
+        theta.map(|weight| weight * weight).sum()
     }
 
     /// tr P_θθ of one axis.
@@ -168,5 +171,23 @@ impl JointState {
         let covariance = self.covariance(axis);
         let rows = (WEIGHTS..POSITION).chain(KERNEL..self.mean[0].len());
         rows.map(|row| covariance.at(row, row)).sum()
+    }
+
+    /// P of one axis without the position: rows of the velocity, the disturbance, the p weights. Allocates.
+    pub fn covariance_matrix(&self, axis: usize, n_weights: usize) -> DMatrix<f64> {
+        let row = |i: usize| if i < POSITION { i } else { i + KERNEL - POSITION };
+        DMatrix::from_fn(WEIGHTS + n_weights, WEIGHTS + n_weights, |i, k| {
+            self.covariance(axis).at(row(i), row(k))
+        })
+    }
+
+    /// ρ and λ, the levels of the sensor's and of the process's noise variance: 1 as configured.
+    pub fn noise_levels(&self) -> (f64, f64) {
+        (self.scalars.noise_levels.sensor, self.scalars.noise_levels.process)
+    }
+
+    /// g, the part of the features' variation that teaches: 0 … 1.
+    pub fn teaching(&self) -> f64 {
+        self.excitation.teaching
     }
 }
