@@ -10,9 +10,9 @@ use crate::config::{
 use crate::estimator::Estimator;
 use nalgebra::{DMatrix, DVector, Matrix3, Quaternion, UnitQuaternion, Vector3};
 use observer::{
-    Centers, ChannelDesign, DeadZone, DeadZoneShape, DesignError, DisturbanceBounds, GyroscopicTorque,
-    InitialState, InnovationGate, Kernel, LengthScale, LinearDesign, LinearObserver, LocalSolver, Parameter,
-    RigidBodyObserver, RotationDesign, Solver, TranslationDesign,
+    Centers, ChannelDesign, DeadZone, DeadZoneShape, DesignError, DisturbanceBounds, GradientOptions,
+    GyroscopicTorque, InitialState, InnovationGate, Kernel, LengthScale, LinearDesign, LinearObserver,
+    LocalSolver, Parameter, RigidBodyObserver, RotationDesign, Solver, TranslationDesign,
 };
 
 /// An output is held for this many of its sample periods; then its channel coasts.
@@ -129,6 +129,7 @@ fn key_of(names: &KeyNames, parameter: Parameter) -> &'static str {
         Parameter::NoiseBound => names.noise_bound,
         Parameter::UnmatchedBound => names.unmatched_bound,
         Parameter::ResidualNorm => names.residual_norm_bound,
+        Parameter::MaxNorm => "max_norm",
         Parameter::Hold | Parameter::CoastStep => "sample_rate_hz",
         Parameter::Fix => names.fix_gain,
         Parameter::Channels => "",
@@ -251,6 +252,7 @@ fn channel(
         gain_per_s,
         adaptation_rate: matrix3(adaptation_rate),
         dead_zone: dead_zone(keys)?,
+        options: GradientOptions::default(),
         bounds: bounds(keys),
         hold_s: HOLD_PERIODS / keys.sample_rate_hz.unwrap_or(rate_hz),
         coast_step_s: rate_hz.recip(),
@@ -283,6 +285,7 @@ fn linear(config: &LinearConfig, rate_hz: f64) -> Result<LinearDesign, DesignErr
             SquareMatrix::Full(rows) => matrix(Parameter::AdaptationRate, "adaptation_rate", rows)?,
         },
         dead_zone: dead_zone(&keys)?,
+        options: GradientOptions::default(),
         bounds: bounds(&keys),
         hold_s: HOLD_PERIODS / keys.sample_rate_hz.unwrap_or(rate_hz),
         coast_step_s: rate_hz.recip(),

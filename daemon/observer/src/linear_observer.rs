@@ -108,7 +108,7 @@ impl LinearObserver {
         });
         let rate = padded(&design.adaptation_rate);
         let limit = StepLimit::OfEveryStep { largest_learning };
-        let law = GradientLaw::new(function, design.dead_zone, rate, limit);
+        let law = GradientLaw::new(function, design.dead_zone, rate, limit, design.options);
         let matrices = (&design.a, &design.b, &design.c, &design.gain);
         let plant = LinearPlant::new(matrices, design.initial_state.as_ref());
         let initial = plant.initial_state();

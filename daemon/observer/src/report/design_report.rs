@@ -156,6 +156,7 @@ impl DesignReport {
             solver: channel.solver,
             adaptation_rate: dynamic(&channel.adaptation_rate),
             dead_zone: channel.dead_zone,
+            options: channel.options,
             bounds: channel.bounds,
             hold_s: channel.hold_s,
             coast_step_s: channel.coast_step_s,
