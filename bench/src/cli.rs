@@ -1,7 +1,7 @@
 //! The command line of `bench`.
 
 use crate::flights::{replay, tune};
-use crate::{demo, ipc, jitter, load, paper, service, soak, step};
+use crate::{demo, hover, ipc, jitter, load, paper, service, soak, step};
 use clap::{Parser, Subcommand};
 use daemon::config::ConfigError;
 use rustix::process::{Signal, set_parent_process_death_signal};
@@ -91,6 +91,12 @@ Examples:
   # At others
   bench paper --scenario rotation --dead-zone saturated --width 0.02")]
     Paper(paper::PaperArguments),
+    /// What the sensor's noise alone teaches the gradient law: f̂ of a hover in still air.
+    #[command(after_help = "\
+Examples:
+  bench hover
+  bench hover --minutes 60 --plot hover.svg")]
+    Hover(hover::HoverArguments),
     /// Accuracy on a recorded flight, beside a Kalman filter; offline. Or: whether a flight record replays to the bit.
     #[command(after_help = "\
 Examples:
@@ -141,6 +147,7 @@ pub fn main_with_args(args: impl IntoIterator<Item = OsString>) -> ExitCode {
         Task::Load(arguments) => load::run(arguments),
         Task::Soak(arguments) => soak::run(arguments),
         Task::Paper(arguments) => paper::run(arguments),
+        Task::Hover(arguments) => hover::run(arguments),
         Task::Replay(arguments) => replay::run(arguments),
         Task::Tune(arguments) => tune::run(arguments),
     })

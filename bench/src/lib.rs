@@ -6,6 +6,7 @@
 //! |---|---|---|
 //! | `demo` | `bench demo` | errors of the whole system: service and simulated vehicle as two processes |
 //! | [`paper`] | `bench paper` | errors in the paper's two examples, with their table and figures |
+//! | `hover` | `bench hover` | what the sensor's noise alone teaches the gradient law |
 //! | `step` | `bench step` | latency of a step as the number of centers grows |
 //! | `ipc` | `bench ipc` | a round trip through the service, beside one through bare shared memory |
 //! | `service` | `bench service` | a sample's stamp to its estimate, by trigger and rate |
@@ -21,6 +22,7 @@ pub mod cli;
 mod demo;
 mod flights;
 mod harness;
+mod hover;
 mod ipc;
 mod jitter;
 mod kalman;

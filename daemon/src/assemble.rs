@@ -3,18 +3,18 @@
 //! An error names the key, its line, what was found and what would be accepted.
 
 use crate::config::{
-    CommonKeys, ConfigError, ConfigFile, DeadZoneName, GyroscopicTorqueName, InputConfig, KernelName,
-    KeyNames, LawName, LengthScaleConfig, LinearConfig, OutlierAction, RotationConfig, SolverConfig,
-    SolverName, SolverOptions, SquareMatrix, SymmetricMatrix, TranslationConfig,
+    CommonKeys, ConfigError, ConfigFile, DeadZoneName, FeaturesAtName, GyroscopicTorqueName, InputConfig,
+    KernelName, KeyNames, LawName, LengthScaleConfig, LinearConfig, OutlierAction, RotationConfig,
+    SolverConfig, SolverName, SolverOptions, SquareMatrix, SymmetricMatrix, TranslationConfig,
 };
 use crate::estimator::Estimator;
 use nalgebra::{DMatrix, DVector, Matrix3, Quaternion, UnitQuaternion, Vector3};
 use observer::{
     Centers, ChannelDesign, DeadZone, DeadZoneShape, DesignError, DisturbanceBounds, ExcitationDesign,
-    GyroscopicTorque, InitialState, InnovationGate, JointChannelDesign, JointDesign, JointRotationDesign,
-    JointTranslationDesign, Kernel, LengthScale, LinearDesign, LinearObserver, LocalSolver, Parameter,
-    PriorDeviations, RigidBodyObserver, RotationDesign, RotationLaw, Solver, TranslationDesign,
-    TranslationLaw,
+    FeaturePoint, GradientOptions, GyroscopicTorque, InitialState, InnovationGate, JointChannelDesign,
+    JointDesign, JointRotationDesign, JointTranslationDesign, Kernel, LengthScale, LinearDesign,
+    LinearObserver, LocalSolver, Parameter, PriorDeviations, RigidBodyObserver, RotationDesign, RotationLaw,
+    Solver, TranslationDesign, TranslationLaw,
 };
 
 /// An output is held for this many of its sample periods; then its channel coasts.
@@ -139,6 +139,7 @@ fn key_of(names: &KeyNames, parameter: Parameter) -> &'static str {
         Parameter::NoiseBound => names.noise_bound,
         Parameter::UnmatchedBound => names.unmatched_bound,
         Parameter::ResidualNorm => names.residual_norm_bound,
+        Parameter::MaxNorm => names.max_native_norm,
         Parameter::Hold | Parameter::CoastStep => "sample_rate_hz",
         Parameter::Fix => names.fix_gain,
         Parameter::Channels => "",
@@ -368,6 +369,7 @@ fn channel(
         gain_per_s,
         adaptation_rate: matrix3(adaptation_rate),
         dead_zone: dead_zone(keys)?,
+        options: options(keys),
         bounds: bounds(keys)?,
         hold_s: HOLD_PERIODS / keys.sample_rate_hz.unwrap_or(rate_hz),
         coast_step_s: rate_hz.recip(),
@@ -400,6 +402,7 @@ fn linear(config: &LinearConfig, rate_hz: f64) -> Result<LinearDesign, DesignErr
             SquareMatrix::Full(rows) => matrix(Parameter::AdaptationRate, "adaptation_rate", rows)?,
         },
         dead_zone: dead_zone(&keys)?,
+        options: options(&keys),
         bounds: bounds(&keys)?,
         hold_s: HOLD_PERIODS / keys.sample_rate_hz.unwrap_or(rate_hz),
         coast_step_s: rate_hz.recip(),
@@ -465,6 +468,16 @@ fn dead_zone(keys: &CommonKeys<'_>) -> Result<DeadZone, DesignError> {
     };
     let width = given(keys.dead_zone_width, Parameter::DeadZoneWidth)?;
     DeadZone::new(shape, width, given(keys.dead_zone_buffer, Parameter::DeadZoneBuffer)?)
+}
+
+fn options(keys: &CommonKeys<'_>) -> GradientOptions {
+    GradientOptions {
+        feature_point: match keys.features_at {
+            FeaturesAtName::Measured => FeaturePoint::Measured,
+            FeaturesAtName::Estimated => FeaturePoint::Estimated,
+        },
+        max_norm: keys.max_native_norm,
+    }
 }
 
 fn bounds(keys: &CommonKeys<'_>) -> Result<DisturbanceBounds, DesignError> {

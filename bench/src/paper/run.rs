@@ -17,8 +17,8 @@ use super::settings::{Example, FeltAt, Initial, Scheme, Settings, UsageError};
 use anyhow::ensure;
 use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 use observer::{
-    BodyChannel, BodyState, Centers, ChannelDesign, DeadZone, DisturbanceBounds, Kernel, Learning,
-    LengthScale, Moment, Segment, Solver,
+    BodyChannel, BodyState, Centers, ChannelDesign, DeadZone, DisturbanceBounds, GradientOptions, Kernel,
+    Learning, LengthScale, Moment, Segment, Solver,
 };
 use sim_publisher::plant::{State, Wrench, integrate, integrate_under};
 use sim_publisher::scenario::Definition;
@@ -114,6 +114,7 @@ fn channel(settings: &Settings) -> Result<BodyChannel, UsageError> {
         gain_per_s: settings.gain_per_s,
         adaptation_rate: Matrix3::identity() * settings.adaptation_rate,
         dead_zone: DeadZone::new(settings.dead_zone.into(), settings.width, settings.buffer)?,
+        options: GradientOptions::default(),
         bounds: DisturbanceBounds::default(),
         hold_s: settings.rate_hz.recip(),
         // There is no coasting here: every sample arrives.

@@ -2,8 +2,8 @@
 
 use nalgebra::{Matrix3, Vector3};
 use observer::{
-    Centers, ChannelDesign, DeadZone, DeadZoneShape, DisturbanceBounds, Kernel, LengthScale, LocalSolver,
-    Solver,
+    Centers, ChannelDesign, DeadZone, DeadZoneShape, DisturbanceBounds, GradientOptions, Kernel, LengthScale,
+    LocalSolver, Solver,
 };
 use std::f64::consts::TAU;
 
@@ -33,6 +33,7 @@ pub(super) fn design(centers: Centers) -> anyhow::Result<ChannelDesign> {
         gain_per_s: GAIN_PER_S,
         adaptation_rate: Matrix3::identity() * ADAPTATION_RATE,
         dead_zone: dead_zone()?,
+        options: GradientOptions::default(),
         bounds: DisturbanceBounds::default(),
         hold_s: STEP_S,
         coast_step_s: STEP_S,

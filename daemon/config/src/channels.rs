@@ -5,8 +5,8 @@
 
 use crate::joint::{ROTATION_NAMES, RotationJoint, TRANSLATION_NAMES, TranslationJoint};
 use crate::values::{
-    AxisValues, DeadZoneName, GyroscopicTorqueName, KernelName, LawName, LengthScaleConfig, SolverConfig,
-    SquareMatrix, SymmetricMatrix,
+    AxisValues, DeadZoneName, FeaturesAtName, GyroscopicTorqueName, KernelName, LawName, LengthScaleConfig,
+    SolverConfig, SquareMatrix, SymmetricMatrix,
 };
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -36,6 +36,10 @@ pub struct CommonKeys<'a> {
     pub solver: SolverConfig,
     /// Shape of σ.
     pub dead_zone: DeadZoneName,
+    /// Where φ is taken.
+    pub features_at: FeaturesAtName,
+    /// A bound on ‖f̂_N‖_H, in the input's unit.
+    pub max_native_norm: Option<f64>,
     /// d, in the output's unit.
     pub dead_zone_width: Option<f64>,
     /// ε, in the output's unit.
@@ -89,6 +93,8 @@ pub struct KeyNames {
     pub unmatched_bound: &'static str,
     /// r_f.
     pub residual_norm_bound: &'static str,
+    /// The bound on ‖f̂_N‖_H.
+    pub max_native_norm: &'static str,
     /// Of the joint law: a field of its design, and the key that sets it.
     pub joint: &'static [(&'static str, &'static str)],
 }
@@ -103,7 +109,7 @@ impl KeyNames {
 /// The keys that only the gradient law has, but for its centers.
 macro_rules! gradient_keys {
     (required $rate:ident $length_scale:ident $width:ident $buffer:ident $noise:ident $($more:ident)*;
-     optional $lower:ident $upper:ident $listed:ident $unmatched:ident $residual:ident $($other:ident)*) => {
+     optional $lower:ident $upper:ident $listed:ident $unmatched:ident $residual:ident $max_norm:ident $($other:ident)*) => {
         LawKeys {
             required: &[
                 $(stringify!($more),)* stringify!($rate), stringify!($length_scale), stringify!($width),
@@ -111,7 +117,7 @@ macro_rules! gradient_keys {
             ],
             optional: &[
                 stringify!($lower), stringify!($upper), stringify!($listed), stringify!($unmatched),
-                stringify!($residual), "nugget", "solver", "dead_zone", $(stringify!($other),)*
+                stringify!($residual), stringify!($max_norm), "nugget", "solver", "dead_zone", "features_at", $(stringify!($other),)*
             ],
         }
     };
@@ -134,7 +140,7 @@ macro_rules! channel {
             $lower:ident = $lower_example:tt, $upper:ident = $upper_example:tt, per_axis = $counts_example:tt,
             $listed:ident = $listed_example:tt,
             $width:ident = $width_example:tt, $buffer:ident = $buffer_example:tt, $noise:ident = $noise_example:tt,
-            $unmatched:ident, $residual:ident, sample_rate_hz = $sample_rate_example:tt
+            $unmatched:ident, $residual:ident, $max_norm:ident, sample_rate_hz = $sample_rate_example:tt
         }
         first { $($first:tt)* }
         last { $($last:tt)* }
@@ -236,6 +242,17 @@ macro_rules! channel {
             #[serde(default)]
             #[schemars(range(min = 0.0))]
             pub $residual: f64,
+            /// Where the features of what is learned are taken: "measured" (the paper) or "estimated".
+            ///
+            /// With "measured" sensor noise alone makes the learned function grow, in proportion to the time.
+            #[serde(default)]
+            pub features_at: FeaturesAtName,
+            #[doc = concat!("Bound on the native norm of the learned ", $unknown, ": an update that would exceed it is made smaller.")]
+            ///
+            /// It limits what noise alone can teach. Absent: none, as in the paper.
+            #[serde(skip_serializing_if = "Option::is_none")]
+            #[schemars(extend("exclusiveMinimum" = 0.0), example = 20.0)]
+            pub $max_norm: Option<f64>,
             $($last)*
         }
 
@@ -253,13 +270,14 @@ macro_rules! channel {
                 noise_bound: stringify!($noise),
                 unmatched_bound: stringify!($unmatched),
                 residual_norm_bound: stringify!($residual),
+                max_native_norm: stringify!($max_norm),
                 joint: $joint_names,
             };
 
             /// The keys that only the gradient law has.
             pub const GRADIENT: LawKeys = gradient_keys! {
                 required $rate $length_scale $width $buffer $noise $($needed)*;
-                optional $lower $upper $listed $unmatched $residual $($possible)*
+                optional $lower $upper $listed $unmatched $residual $max_norm $($possible)*
             };
             /// The keys that only the joint law has, and those that it may have and the gradient law must.
             pub const JOINT: LawKeys = LawKeys {
@@ -295,6 +313,8 @@ macro_rules! channel {
                     noise_bound: self.$noise,
                     unmatched_bound: self.$unmatched,
                     residual_norm_bound: self.$residual,
+                    features_at: self.features_at,
+                    max_native_norm: self.$max_norm,
                 }
             }
         }
@@ -327,7 +347,7 @@ channel! {
         centers_lower_m_s = [-4.0, -4.0, -2.0], centers_upper_m_s = [4.0, 4.0, 2.0], per_axis = [5, 5, 3],
         centers_listed_m_s = [[0.0, 0.0, 0.0], [2.0, 0.0, 0.0]],
         dead_zone_width_m_s = 0.02, dead_zone_buffer_m_s = 0.02, noise_bound_m_s = 0.06,
-        unmatched_force_bound_n, residual_norm_bound_n, sample_rate_hz = 10.0
+        unmatched_force_bound_n, residual_norm_bound_n, max_native_norm_n, sample_rate_hz = 10.0
     }
     first {
         /// How velocity and force are estimated: "joint" or "gradient".
@@ -419,7 +439,7 @@ channel! {
         centers_lower_rad_s = [-2.0, -2.0, -1.0], centers_upper_rad_s = [2.0, 2.0, 1.0], per_axis = [3, 3, 3],
         centers_listed_rad_s = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]],
         dead_zone_width_rad_s = 0.01, dead_zone_buffer_rad_s = 0.01, noise_bound_rad_s = 0.015,
-        unmatched_torque_bound_n_m, residual_norm_bound_n_m, sample_rate_hz = 100.0
+        unmatched_torque_bound_n_m, residual_norm_bound_n_m, max_native_norm_n_m, sample_rate_hz = 100.0
     }
     first {
         /// How angular velocity and torque are estimated: "joint" or "gradient".
@@ -499,7 +519,7 @@ channel! {
         centers_lower = [-3.0], centers_upper = [3.0], per_axis = [13],
         centers_listed = [[-1.0], [0.0], [1.0]],
         dead_zone_width = 0.02, dead_zone_buffer = 0.02, noise_bound = 0.01,
-        unmatched_bound, residual_norm_bound, sample_rate_hz = 100.0
+        unmatched_bound, residual_norm_bound, max_native_norm, sample_rate_hz = 100.0
     }
     first {
         /// A, row after row.

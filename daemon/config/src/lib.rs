@@ -37,6 +37,6 @@ pub use service::{
     Clock, Config, DeadlineConfig, InitialConfig, InputConfig, SnapshotConfig, SourcePolicy, Trigger,
 };
 pub use values::{
-    AxisValues, DeadZoneName, GyroscopicTorqueName, KernelName, LawName, LengthScaleConfig, OutlierAction,
-    SolverConfig, SolverName, SolverOptions, SquareMatrix, SymmetricMatrix,
+    AxisValues, DeadZoneName, FeaturesAtName, GyroscopicTorqueName, KernelName, LawName, LengthScaleConfig,
+    OutlierAction, SolverConfig, SolverName, SolverOptions, SquareMatrix, SymmetricMatrix,
 };

@@ -202,6 +202,17 @@ pub enum DeadZoneName {
     Step,
 }
 
+/// Where the gradient law takes the features of what it learns.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum FeaturesAtName {
+    /// At the measured output, as in the paper: noise alone makes the learned function grow with time.
+    #[default]
+    Measured,
+    /// At the estimate, which does not carry the output's noise.
+    Estimated,
+}
+
 /// Who accounts for −ω × Iω.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]

@@ -25,7 +25,7 @@ fn each_estimate_is_a_line_across_a_killed_service() {
         assert_eq!(first[key].as_array().unwrap().len(), n, "{key}");
         assert!(first[key][0].is_number(), "{key}");
     }
-    assert!(first["translation"]["error_bound"].as_f64().unwrap() > 0.0);
+    assert!(first["translation"]["power_function"].is_number());
     // None is left out while the reader keeps up, and each is there once.
     let next = lines.next().unwrap();
     assert!(next["sequence"].as_u64().unwrap() > first["sequence"].as_u64().unwrap());

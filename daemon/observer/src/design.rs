@@ -31,6 +31,8 @@ pub struct ChannelDesign {
     pub adaptation_rate: Matrix3<f64>,
     /// σ.
     pub dead_zone: DeadZone,
+    /// Where the law departs from the paper's.
+    pub options: GradientOptions,
     /// Bounds on the disturbances.
     pub bounds: DisturbanceBounds,
     /// An output is held for at most this long (s); then the channel coasts. Also the longest step of the
@@ -75,6 +77,33 @@ pub enum GyroscopicTorque {
     Learned,
     /// It is computed from ω̂ and the nominal inertia.
     Feedforward,
+}
+
+/// Where the gradient law departs from the paper's; the default is the paper's law.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct GradientOptions {
+    /// Where φ is taken.
+    pub feature_point: FeaturePoint,
+    /// An upper bound > 0 on ‖f̂_N‖_H, in the input's unit; `None` for none. An update that would exceed it is made smaller,
+    /// down to nothing, and reported as clamped.
+    pub max_norm: Option<f64>,
+}
+
+/// The point at which the gradient law takes its features, both to learn and to evaluate f̂ for the step.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub enum FeaturePoint {
+    /// φ(y), as in the paper. y and ỹ carry the same noise, so that noise alone makes f̂ grow in proportion to the time:
+    /// docs/method.md derives the rate.
+    #[default]
+    Measured,
+    /// φ(C x̂), of the estimate before the output is used. It does not carry the noise of this output.
+    Estimated,
+}
+
+impl GradientOptions {
+    pub(crate) fn check(&self) -> Result<(), DesignError> {
+        self.max_norm.map_or(Ok(()), |max_norm| positive(Parameter::MaxNorm, max_norm))
+    }
 }
 
 /// Bounds on the disturbances; 0 is *none*. They affect the guarantees, not the estimate.
@@ -143,6 +172,7 @@ impl ChannelDesign {
         positive(Parameter::Hold, self.hold_s)?;
         positive(Parameter::CoastStep, self.coast_step_s)?;
         self.bounds.check()?;
+        self.options.check()?;
         positive_definite(Parameter::Inertia, &dynamic(&self.inertia))?;
         positive_definite(Parameter::AdaptationRate, &dynamic(&self.adaptation_rate))?;
         if self.centers.dimension() != 3 {

@@ -29,6 +29,8 @@ pub enum Parameter {
     UnmatchedBound,
     /// The bound on the part of f that the centers cannot represent.
     ResidualNorm,
+    /// The bound on the norm of f̂.
+    MaxNorm,
     /// `hold_s`.
     Hold,
     /// `coast_step_s`.

@@ -61,6 +61,15 @@ pub(crate) struct InnovationScale<const M: usize> {
     n_agreeing: u32,
 }
 
+/// The times before an output.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct OutputTimes {
+    /// Since the output before (ns); since 0 where there is none.
+    pub(crate) gap_ns: u64,
+    /// Between the two outputs before (ns); 0 where there are no two.
+    pub(crate) period_ns: u64,
+}
+
 impl<const M: usize> InnovationScale<M> {
     pub(crate) fn unknown() -> Self {
         Self {
@@ -74,19 +83,26 @@ impl<const M: usize> InnovationScale<M> {
         }
     }
 
-    /// Whether an output with this ỹ is an outlier; if not, the scale is updated with it.
+    /// Notes the arrival of an output, whether it is used or not; returns the times before it.
+    pub(crate) fn arrive(&mut self, stamp_ns: u64) -> OutputTimes {
+        let before =
+            OutputTimes { gap_ns: stamp_ns.saturating_sub(self.newest_ns), period_ns: self.period_ns };
+        self.period_ns = if self.newest_ns > 0 { before.gap_ns } else { 0 };
+        self.newest_ns = stamp_ns;
+        before
+    }
+
+    /// Whether the output that has just arrived is an outlier with this ỹ; if not, the scale is updated with it.
     pub(crate) fn is_outlier(
         &mut self,
         output_error: &SVector<f64, M>,
-        stamp_ns: u64,
+        (stamp_ns, before): (u64, &OutputTimes),
         (factor, width, hold_ns): (f64, f64, u64),
     ) -> bool {
         let max_rejected_ns = hold_ns
             .saturating_mul(MAX_HOLDS_REJECTED)
-            .max(self.period_ns.saturating_mul(MAX_PERIODS_REJECTED));
+            .max(before.period_ns.saturating_mul(MAX_PERIODS_REJECTED));
         let is_silent = stamp_ns.saturating_sub(self.accepted_ns) >= max_rejected_ns;
-        self.period_ns = if self.newest_ns > 0 { stamp_ns.saturating_sub(self.newest_ns) } else { 0 };
-        self.newest_ns = stamp_ns;
 
         let size = output_error.norm();
         let is_first = self.n_accepted < N_FIRST_OUTPUTS;
@@ -121,11 +137,16 @@ mod tests {
     const PERIOD_NS: u64 = 5_000_000;
     const RULE: (f64, f64, u64) = (8.0, 0.01, 7_500_000);
 
+    fn is_outlier(scale: &mut InnovationScale<2>, error: f64, stamp_ns: u64, rule: (f64, f64, u64)) -> bool {
+        let before = scale.arrive(stamp_ns);
+        scale.is_outlier(&Vector2::new(error, 0.0), (stamp_ns, &before), rule)
+    }
+
     /// Which of these errors, one each period, are outliers.
     fn judged(period_ns: u64, errors: impl IntoIterator<Item = f64>) -> Vec<usize> {
         let mut scale = InnovationScale::unknown();
         let errors = errors.into_iter().zip(1..);
-        let out = errors.map(|(e, j)| scale.is_outlier(&Vector2::new(e, 0.0), j * period_ns, RULE));
+        let out = errors.map(|(e, j)| is_outlier(&mut scale, e, j * period_ns, RULE));
         out.enumerate().filter(|(_, out)| *out).map(|(j, _)| j).collect()
     }
 
@@ -175,14 +196,14 @@ mod tests {
         let rule = (8.0, 1e-9, 7_500_000);
         let mut scale = InnovationScale::unknown();
         let errors = (1..200).map(|j| (j, 0.02 + 0.01 * (j as f64).sin()));
-        let out = errors.filter(|(j, e)| scale.is_outlier(&Vector2::new(*e, 0.0), j * PERIOD_NS, rule));
+        let out = errors.filter(|(j, e)| is_outlier(&mut scale, *e, j * PERIOD_NS, rule));
         assert_eq!(out.count(), 0);
     }
 
     #[test]
     fn after_a_silence_the_first_output_is_accepted_and_sets_the_scale() {
         let mut scale = InnovationScale::unknown();
-        let mut out = |e: f64, ns: u64| scale.is_outlier(&Vector2::new(e, 0.0), ns, RULE);
+        let mut out = |e: f64, ns: u64| is_outlier(&mut scale, e, ns, RULE);
         (1..100).for_each(|j| assert!(!out(0.01, j * PERIOD_NS)));
         let after = 100 * PERIOD_NS + 500_000_000;
         assert!(!out(1.0, after));

@@ -53,6 +53,7 @@
 //!         gain_per_s: 10.0,
 //!         adaptation_rate: Matrix3::identity() * 100.0,
 //!         dead_zone: DeadZone::new(DeadZoneShape::Saturated, 1e-4, 1e-4)?,
+//!         options: GradientOptions::default(),
 //!         bounds: DisturbanceBounds::default(),
 //!         hold_s: 0.01,
 //!         coast_step_s: 0.005,
@@ -102,7 +103,10 @@ mod space;
 mod timeline;
 
 pub use channels::{AnyChannel, ChannelName, ChannelState, Learn};
-pub use design::{ChannelDesign, DisturbanceBounds, GyroscopicTorque, RotationDesign, TranslationDesign};
+pub use design::{
+    ChannelDesign, DisturbanceBounds, FeaturePoint, GradientOptions, GyroscopicTorque, RotationDesign,
+    TranslationDesign,
+};
 pub use error::{DesignError, Parameter};
 pub use function::evaluation::Evaluation;
 pub use function::learned::LearnedFunction;

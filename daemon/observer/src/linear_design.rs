@@ -1,6 +1,6 @@
 //! The design of the observer of a general linear plant, `x' = A x + B (u + f(y)) + ξ`, `y = C x + δ`, and its checks.
 
-use crate::design::{DisturbanceBounds, positive, positive_definite};
+use crate::design::{DisturbanceBounds, GradientOptions, positive, positive_definite};
 use crate::error::{DesignError, Parameter};
 use crate::function::learned::LearnedFunction;
 use crate::function::solver::Solver;
@@ -40,6 +40,8 @@ pub struct LinearDesign {
     pub adaptation_rate: DMatrix<f64>,
     /// σ.
     pub dead_zone: DeadZone,
+    /// Where the law departs from the paper's.
+    pub options: GradientOptions,
     /// Bounds on the disturbances; ξ̄ bounds a rate of the state.
     pub bounds: DisturbanceBounds,
     /// An output is held for at most this long (s).
@@ -194,6 +196,7 @@ impl LinearDesign {
         positive(Parameter::Hold, self.hold_s)?;
         positive(Parameter::CoastStep, self.coast_step_s)?;
         self.bounds.check()?;
+        self.options.check()?;
         positive_definite(Parameter::AdaptationRate, &self.adaptation_rate)
     }
 }

@@ -23,7 +23,7 @@ use crate::law::linear_stability::largest_learning_of_every_step;
 use crate::law::stability::StepLimit;
 use crate::linear_design::LinearDesign;
 use crate::plant::linear::{LinearOutput, LinearPlant, LinearState, MAX_OUTPUTS, padded};
-use crate::plant::linear_algebra::{spectral_abscissa, spectral_norm};
+use crate::plant::linear_algebra::{inverse_norm, spectral_abscissa, spectral_norm};
 use crate::report::certificate::{Certificate, sup_if_needed};
 use crate::space::scaled_kernel::ScaledKernel;
 use crate::timeline::{ChannelReport, Measured, Timeline};
@@ -100,7 +100,7 @@ impl LinearObserver {
         let certificate = part.lure_pair().ok().map(|pair| {
             Certificate::new(
                 (pair.lambda_min, pair.pl_norm),
-                (spectral_norm(&part.c), pair.p_norm),
+                (spectral_norm(&part.c), inverse_norm(&part.c), pair.p_norm),
                 design.bounds,
                 &design.dead_zone,
                 sup_if_needed(&design.bounds, || function.space().sup_power_function()),
@@ -108,7 +108,7 @@ impl LinearObserver {
         });
         let rate = padded(&design.adaptation_rate);
         let limit = StepLimit::OfEveryStep { largest_learning };
-        let law = GradientLaw::new(function, design.dead_zone, rate, limit);
+        let law = GradientLaw::new(function, design.dead_zone, rate, limit, design.options);
         let matrices = (&design.a, &design.b, &design.c, &design.gain);
         let plant = LinearPlant::new(matrices, design.initial_state.as_ref());
         let initial = plant.initial_state();

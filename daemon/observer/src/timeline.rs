@@ -5,11 +5,25 @@
 //! and any replay gives the same bits. The steps of a coast grow with its length, so the work for a late request or a late
 //! sample is bounded.
 //!
+//! The first output after a coast teaches nothing: its ỹ is the error of the whole coast, from any cause, and not what a
+//! force does within a step. After an outage the state also begins again from the output, C x̂ := y: following it would take
+//! some 1/λ, and every ỹ until then would be learned as a force. The pose and what the output does not show stay.
+//!
+//! | at an output after a coast | if |
+//! |---|---|
+//! | it does not teach | it is later after the output used before than 1.5 intervals of the last two outputs |
+//! | the state begins again | no output came, used or not, for more than 5 hold times and 4 intervals of the last two |
+//!
+//! The intervals except a sensor that is slower than the hold, which makes the channel coast before each of its outputs; what
+//! the gate rejects is no outage. A single lost sample is none either: C x̂ := y lets the sensor's whole noise s into x̂,
+//! following it lets in s √(λh/2). A coast of the time T is wrong by f̃ T/m, which exceeds s after some 4 hold times with
+//! the vehicles of the presets.
+//!
 //! The weights change when the next sample arrives, since its stamp determines how long the output was held. Until then
 //! their update is a pending increment.
 
 use crate::function::evaluation::Evaluation;
-use crate::innovation_gate::{InnovationGate, InnovationScale, OutlierAction};
+use crate::innovation_gate::{InnovationGate, InnovationScale, OutlierAction, OutputTimes};
 use crate::law::channel::Channel;
 use crate::law::gradient::{HeldOutput, Learning};
 use crate::plant::nominal::{Moment, Plant};
@@ -80,6 +94,10 @@ const MAX_STEP_NS: u64 = 250_000_000;
 /// again, to bound the cost.
 const STEPS_OF_A_LONG_COAST: u64 = 4096;
 
+/// Without an output for more than this many hold times, and this many intervals of the last two outputs, there is an outage.
+const OUTAGE_HOLDS: u64 = 5;
+const OUTAGE_PERIODS: u64 = 4;
+
 #[derive(Debug, Clone)]
 pub(crate) struct Timeline<P: Plant<M>, const M: usize> {
     /// θ, and x̂ just after the newest sample.
@@ -147,7 +165,8 @@ impl<P: Plant<M>, const M: usize> Timeline<P, M> {
         frozen: bool,
         take_fix: impl FnOnce(&mut P::State),
     ) -> bool {
-        if self.is_started {
+        let was_started = self.is_started;
+        if was_started {
             let ahead = self.predict(stamp_ns);
             self.last_learning_clamped = ahead.learning.clamped;
             self.channel.commit(&ahead.learning, ahead.moment);
@@ -158,18 +177,25 @@ impl<P: Plant<M>, const M: usize> Timeline<P, M> {
         }
         self.input = input.unwrap_or(self.input);
         take_fix(if self.is_started { &mut self.channel.at_mut().state } else { &mut self.waiting });
-        let is_outlier =
-            self.is_started && measured.is_some_and(|measured| self.is_outlier(&measured.output, stamp_ns));
-        let used = measured.filter(|_| self.is_started).and_then(|measured| match is_outlier {
+        let before = measured.map(|_| self.innovation_scale.arrive(stamp_ns));
+        let is_outlier = (measured.zip(before))
+            .is_some_and(|(measured, before)| self.is_outlier(&measured.output, (stamp_ns, &before)));
+        let used = measured.and_then(|measured| match is_outlier {
             false => Some(measured),
             true if self.gate.outliers == OutlierAction::Adaptation => {
                 Some(Measured { teaches: false, ..measured })
             }
             true => None,
         });
-        if let Some(Measured { output, teaches }) = used {
-            self.teaches = teaches;
-            self.channel.observe(&output, teaches && !frozen);
+        if let (Some(Measured { output, teaches }), Some(before)) = (used, before) {
+            let has_coasted = was_started && stamp_ns > self.held_until_ns;
+            self.teaches = teaches && !(has_coasted && self.is_longer_than_usual(stamp_ns, &before));
+            if has_coasted && self.is_outage(&before) {
+                let at = self.channel.at();
+                let state = self.channel.plant().at_output(&at.state, &output);
+                *self.channel.at_mut() = Moment { stamp_ns, state };
+            }
+            self.channel.observe(&output, self.teaches && !frozen);
             self.held_until_ns = stamp_ns.saturating_add(self.hold_ns);
             self.output_stamp_ns = Some(stamp_ns);
         } else if self.is_started && self.held_until_ns >= stamp_ns {
@@ -179,11 +205,22 @@ impl<P: Plant<M>, const M: usize> Timeline<P, M> {
         is_outlier
     }
 
-    fn is_outlier(&mut self, output: &SVector<f64, M>, stamp_ns: u64) -> bool {
+    /// Whether the outputs in use are further apart than those that came before.
+    fn is_longer_than_usual(&self, stamp_ns: u64, before: &OutputTimes) -> bool {
+        let since_ns = stamp_ns.saturating_sub(self.output_stamp_ns.unwrap_or(0));
+        since_ns.saturating_mul(2) > before.period_ns.saturating_mul(3)
+    }
+
+    fn is_outage(&self, before: &OutputTimes) -> bool {
+        before.gap_ns > self.hold_ns.saturating_mul(OUTAGE_HOLDS)
+            && before.gap_ns > before.period_ns.saturating_mul(OUTAGE_PERIODS)
+    }
+
+    fn is_outlier(&mut self, output: &SVector<f64, M>, at: (u64, &OutputTimes)) -> bool {
         let InnovationGate { outliers, factor } = self.gate;
         let rule = (factor, self.channel.law().dead_zone().width(), self.hold_ns);
         outliers != OutlierAction::Off
-            && self.innovation_scale.is_outlier(&(output - self.channel.output_estimate()), stamp_ns, rule)
+            && self.innovation_scale.is_outlier(&(output - self.channel.output_estimate()), at, rule)
     }
 
     /// The estimate at `to_ns`, not before the newest sample. Changes nothing but the coasting grid.
@@ -354,7 +391,7 @@ impl<P: Plant<M>, const M: usize> Timeline<P, M> {
         let law = self.channel.law();
         let (space, (lower, upper)) = (law.function().space(), law.function().bounding_box());
         let output =
-            if at.coasting { self.channel.plant().output(&at.moment.state) } else { law.held().output };
+            if at.coasting { self.channel.plant().output(&at.moment.state) } else { law.feature_point() };
         let power_function = space.power_function(at.matched_force.squared_features);
         ChannelReport {
             output_error: if at.coasting { 0.0 } else { law.held().output_error.norm() },
@@ -363,7 +400,9 @@ impl<P: Plant<M>, const M: usize> Timeline<P, M> {
             native_norm: law.function().native_norm(),
             solver_error: at.matched_force.error,
             error_bound: match &self.certificate {
-                Some(certificate) if !at.coasting => certificate.error_bound(power_function),
+                Some(certificate) if !at.coasting => {
+                    certificate.confirmed_error_bound(power_function, law.held().output_error.norm())
+                }
                 _ => f64::INFINITY,
             },
             output_age_s: match self.output_stamp_ns {
@@ -390,21 +429,24 @@ pub struct ChannelReport {
     pub output_error: f64,
     /// σ as used; 0 while coasting.
     pub activation: f64,
-    /// P_N / √κ(0) at the held or predicted output, 0 … 1.
+    /// P_N / √κ(0) where f̂ is evaluated, 0 … 1.
     pub power_function: f64,
     /// ‖f̂_N‖ of what is committed.
     pub native_norm: f64,
     /// How far f̂ may be from that of the dense solver, in the input's unit; 0 where that is in use.
     pub solver_error: f64,
-    /// max(d, e_N) of the [`Certificate`], a bound and not a covariance; +∞ while coasting, or where there is none.
+    /// max(d, e_N) of the [`Certificate`] where the held output confirms it, a bound and not a covariance; +∞ elsewhere: while
+    /// coasting, where the error dynamics are not strictly positive real, where the dead zone is not admissible
+    /// (d ≤ ‖C‖ e_N), and after an output with ‖C⁻¹‖ (‖ỹ‖ + δ̄) > max(d, e_N), which is every output of a plant with
+    /// more states than outputs. It is true at the output's stamp, as far as the configured δ̄ bounds its noise.
     pub error_bound: f64,
     /// Time since the newest output's stamp (s); +∞ before the first.
     pub output_age_s: f64,
     /// No output is held: prediction only.
     pub coasting: bool,
-    /// σ was held down to keep the sampled law stable.
+    /// σ was held down, to keep the sampled law stable or ‖f̂‖ within its bound.
     pub clamped: bool,
-    /// The held or predicted output lies outside of the box of the centers.
+    /// f̂ is evaluated outside of the box of the centers.
     pub outside_centers: bool,
     /// Mean of e²/S over the axes of the newest output: 1 in the mean where the noises are right; 0 where the law has no S,
     /// and before the first output.
@@ -420,3 +462,6 @@ pub(crate) fn seconds(duration_ns: u64) -> f64 {
 fn nanoseconds(duration_s: f64) -> u64 {
     (duration_s * 1e9).round() as u64
 }
+
+#[cfg(test)]
+mod tests;

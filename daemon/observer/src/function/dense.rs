@@ -102,6 +102,10 @@ impl<const M: usize> DenseFunction<M> {
         self.learned.scalars[0]
     }
 
+    pub(crate) fn norm_coefficient(&self) -> f64 {
+        self.squared_features
+    }
+
     pub(crate) fn space(&self) -> &NativeSpace {
         &self.space
     }

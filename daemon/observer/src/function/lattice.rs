@@ -270,9 +270,7 @@ impl<const M: usize> LatticeFunction<M> {
 
     pub(crate) fn learn(&mut self, increment: &SVector<f64, M>) {
         let size = increment.norm();
-        // ‖f̂ + Π_N 𝔎(·, y) in‖² = ‖f̂‖² + 2 ⟨f̂(y), in⟩ + (κ(0) − P_N²) |in|², with P_N² ≥ (1 − ρ²) P_c².
-        let squared_power = self.geometry.value_at_zero - self.held.squared_features;
-        let own = self.held.squared_features + self.geometry.error_ratio.powi(2) * squared_power.max(0.0);
+        let own = self.norm_coefficient();
         let [squared_norm, increments] = &mut self.learned.scalars;
         *squared_norm = (*squared_norm + 2.0 * self.held.value.dot(increment) + own * size * size).max(0.0);
         *increments += size;
@@ -339,6 +337,12 @@ impl<const M: usize> LatticeFunction<M> {
     /// ‖f̂_N‖_H by its recursion, in which f̂(y) is the local one.
     pub(crate) fn native_norm(&self) -> f64 {
         self.learned.scalars[0].sqrt()
+    }
+
+    /// q in ‖f̂ + Π_N 𝔎(·, y) in‖² = ‖f̂‖² + 2 ⟨f̂(y), in⟩ + q |in|²: κ(0) − P_N² with P_N² ≥ (1 − ρ²) P_c².
+    pub(crate) fn norm_coefficient(&self) -> f64 {
+        let squared_power = self.geometry.value_at_zero - self.held.squared_features;
+        self.held.squared_features + self.geometry.error_ratio.powi(2) * squared_power.max(0.0)
     }
 
     /// H_c, the space of one block.

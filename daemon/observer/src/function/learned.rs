@@ -125,6 +125,12 @@ impl<const M: usize> LearnedFunction<M> {
         each!(&self.kind, f => f.native_norm())
     }
 
+    /// q of the norm's recursion at the held output, `‖f̂ + Π_N 𝔎(·, y) in‖² = ‖f̂‖² + 2 f̂(y)ᵀin + q |in|²`: φᵀφ, or an upper
+    /// bound on it with the local solver.
+    pub(crate) fn norm_coefficient(&self) -> f64 {
+        each!(&self.kind, f => f.norm_coefficient())
+    }
+
     /// H_N; of the local solver, the space of one block: K's condition is at least its, and P_N at most its.
     pub fn space(&self) -> &NativeSpace {
         each!(&self.kind, f => f.space())

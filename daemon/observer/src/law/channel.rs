@@ -171,7 +171,13 @@ impl<K: Kinematics> Channel<Body<K>, 3> {
     ) -> Result<Self, DesignError> {
         design.check()?;
         let step_limit = design.step_limit()?;
-        let law = GradientLaw::new(design.function()?, design.dead_zone, design.adaptation_rate, step_limit);
+        let law = GradientLaw::new(
+            design.function()?,
+            design.dead_zone,
+            design.adaptation_rate,
+            step_limit,
+            design.options,
+        );
         let integrator = Integrator::new(design.gain_per_s, &design.inertia);
         let body = Body::new(integrator, known_force, initial_rate);
         Ok(Self::of(law, body, BodyState { rate: initial_rate.unwrap_or_default(), pose }))

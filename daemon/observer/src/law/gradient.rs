@@ -9,7 +9,8 @@
 //!
 //! The continuous law is `θ' = σ(‖ỹ‖) φ(y) (Γ_f ỹ)ᵀ`, which in the paper's coordinates is
 //! `α̂' = σ(‖ỹ‖) K⁻¹ k(y) (Γ_f ỹ)ᵀ` (Niu et al., §V-B; the paper drops σ there), sampled with y and ỹ held over the
-//! step h.
+//! step h. With [`FeaturePoint::Estimated`] φ is taken at C x̂_j in place of y, and with a `max_norm` an update that would
+//! bring ‖f̂‖_H beyond it is made smaller ([`GradientOptions`]).
 //!
 //! | symbol | name | shape | unit |
 //! |---|---|---|---|
@@ -18,6 +19,7 @@
 //! | Γ_f | `adaptation_rate` | m×m | the input's, per second and unit of output |
 //! | θ, φ | `weights`, `features` | N×m, N | the input's; 1 |
 
+use crate::design::{FeaturePoint, GradientOptions};
 use crate::function::evaluation::Evaluation;
 use crate::function::learned::LearnedFunction;
 use crate::law::dead_zone::DeadZone;
@@ -44,8 +46,9 @@ pub struct GradientLaw<const M: usize> {
     dead_zone: DeadZone,
     adaptation_rate: SMatrix<f64, M, M>,
     step_limit: StepLimit,
+    options: GradientOptions,
     held: HeldOutput<M>,
-    /// f̂ at the held output before the update, θ_jᵀ φ.
+    /// f̂ at the feature point before the update, θ_jᵀ φ.
     prior: Evaluation<M>,
 }
 
@@ -71,7 +74,7 @@ impl<const M: usize> HeldOutput<M> {
 pub struct Learning<const M: usize> {
     /// σ as used.
     pub activation: f64,
-    /// Whether σ was held down to keep the sampled law stable.
+    /// Whether σ was held down, to keep the sampled law stable or ‖f̂‖ within its bound.
     pub clamped: bool,
     /// h σ Γ_f ỹ, in the input's unit.
     pub increment: SVector<f64, M>,
@@ -91,9 +94,10 @@ impl<const M: usize> GradientLaw<M> {
         dead_zone: DeadZone,
         adaptation_rate: SMatrix<f64, M, M>,
         step_limit: StepLimit,
+        options: GradientOptions,
     ) -> Self {
         let (held, prior) = (HeldOutput::nothing(), Evaluation::exact(SVector::zeros(), 0.0));
-        Self { function, dead_zone, adaptation_rate, step_limit, held, prior }
+        Self { function, dead_zone, adaptation_rate, step_limit, options, held, prior }
     }
 
     /// Takes a new output y against the output estimate Cx̂: ỹ, φ, σ and θᵀφ. With `learn` false, σ = 0: the output
@@ -103,13 +107,21 @@ impl<const M: usize> GradientLaw<M> {
     /// Dense: N(N+1)/2 + N m multiply-adds and N kernel values. Local: those of one block. No allocation.
     pub fn observe(&mut self, output: &SVector<f64, M>, output_estimate: &SVector<f64, M>, learn: bool) {
         self.held.output = *output;
-        self.function.hold(output.as_slice());
+        if self.options.feature_point == FeaturePoint::Measured {
+            self.function.hold(output.as_slice());
+        }
         self.observe_again(output_estimate, learn);
     }
 
     /// Takes the held output once more, against a newer estimate and newer weights.
+    ///
+    /// # Cost
+    /// Independent of N with features at y; as [`GradientLaw::observe`] with features at C x̂, which has moved.
     pub fn observe_again(&mut self, output_estimate: &SVector<f64, M>, learn: bool) {
         self.held.output_error = self.held.output - output_estimate;
+        if self.options.feature_point == FeaturePoint::Estimated {
+            self.function.hold(self.feature_point().as_slice());
+        }
         let open = if learn { 1.0 } else { 0.0 };
         self.held.activation = open * self.dead_zone.activation(self.held.output_error.norm());
         self.prior = self.function.held();
@@ -121,12 +133,38 @@ impl<const M: usize> GradientLaw<M> {
         if wanted == 0.0 || h_s == 0.0 {
             return Learning { activation: wanted, ..Learning::none() };
         }
-        let activation = self.step_limit.limited(wanted, STABILITY_MARGIN, h_s, self.prior.squared_features);
+        let mut activation =
+            self.step_limit.limited(wanted, STABILITY_MARGIN, h_s, self.prior.squared_features);
+        if let Some(max_norm) = self.options.max_norm {
+            let increment = h_s * activation * (self.adaptation_rate * output_error);
+            activation *= self.share_within(max_norm, &increment);
+        }
         Learning {
             activation,
             clamped: activation < wanted,
             increment: h_s * activation * (self.adaptation_rate * output_error),
         }
+    }
+
+    /// The largest s in 0 … 1 for which an update of s times this increment leaves ‖f̂‖ at most at `max_norm`, or no
+    /// larger than it is.
+    ///
+    /// `‖f̂ + s Π_N 𝔎(·, y) in‖² = ‖f̂‖² + 2 s f̂(y)ᵀin + s² q |in|²`, q = φᵀφ
+    fn share_within(&self, max_norm: f64, increment: &SVector<f64, M>) -> f64 {
+        let norm = self.function.native_norm();
+        let room = (max_norm * max_norm - norm * norm).max(0.0);
+        let half_slope = self.prior.value.dot(increment);
+        let curvature = self.function.norm_coefficient() * increment.norm_squared();
+        if 2.0 * half_slope + curvature <= room {
+            return 1.0;
+        }
+        let root = (half_slope * half_slope + curvature * room).sqrt();
+        // The positive root, without cancellation.
+        let share = match half_slope > 0.0 {
+            true => room / (half_slope + root),
+            false => (root - half_slope) / curvature,
+        };
+        share.min(1.0)
     }
 
     /// f̂(y) at the held output after the update: `θ_{j+1}ᵀ φ = θ_jᵀ φ + φᵀφ · h σ Γ_f ỹ`.
@@ -182,7 +220,7 @@ impl<const M: usize> GradientLaw<M> {
     /// Continues with an output that another law of the same design held.
     pub(crate) fn hold(&mut self, held: &HeldOutput<M>) {
         self.held = *held;
-        self.function.hold(held.output.as_slice());
+        self.function.hold(self.feature_point().as_slice());
         self.prior = self.function.held();
     }
 
@@ -205,7 +243,15 @@ impl<const M: usize> GradientLaw<M> {
         &self.held
     }
 
-    /// P_N at the held output; of the local solver, that of its block, which is no smaller.
+    /// Where φ is taken: y, or C x̂ = y − ỹ, from what a checkpoint holds.
+    pub fn feature_point(&self) -> SVector<f64, M> {
+        match self.options.feature_point {
+            FeaturePoint::Measured => self.held.output,
+            FeaturePoint::Estimated => self.held.output - self.held.output_error,
+        }
+    }
+
+    /// P_N at the feature point; of the local solver, that of its block, which is no smaller.
     pub fn power_function(&self) -> f64 {
         self.function.space().power_function(self.prior.squared_features)
     }

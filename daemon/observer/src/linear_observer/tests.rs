@@ -99,7 +99,7 @@ fn one_percent_inside_of_the_general_bound_the_law_settles_and_one_percent_outsi
         let scale = factor * largest_gain(&design.observable_part(), &design.adaptation_rate, h_s)
             / (h_s * squared_features);
         let rate = padded(&(scale * &design.adaptation_rate));
-        let law = GradientLaw::new(function.clone(), dead_zone, rate, unlimited);
+        let law = GradientLaw::new(function.clone(), dead_zone, rate, unlimited, design.options);
         let matrices = (&design.a, &design.b, &design.c, &design.gain);
         let start = padded::<MAX_STATES, 1>(&matrix(2, &[0.1, -0.2]));
         let mut channel = Channel::of(law, LinearPlant::new(matrices, None), start);

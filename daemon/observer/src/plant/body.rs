@@ -86,6 +86,10 @@ impl<K: Kinematics> Plant<3> for Body<K> {
         BodyState { rate: self.initial_rate.unwrap_or(*output), pose: waiting.pose }
     }
 
+    fn at_output(&self, state: &BodyState<K>, output: &Vector3<f64>) -> BodyState<K> {
+        BodyState { rate: *output, pose: state.pose }
+    }
+
     fn follow(
         &mut self,
         from: &Moment<BodyState<K>>,

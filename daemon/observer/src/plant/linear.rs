@@ -132,6 +132,10 @@ impl Plant<MAX_OUTPUTS> for LinearPlant {
         if self.initial_state.is_some() { *waiting } else { self.c_pseudo_inverse * output }
     }
 
+    fn at_output(&self, state: &LinearState, output: &LinearOutput) -> LinearState {
+        state + self.c_pseudo_inverse * (output - self.c * state)
+    }
+
     fn loaded(&self, _own: &LinearState, saved: &LinearState) -> LinearState {
         *saved
     }

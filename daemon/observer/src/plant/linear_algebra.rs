@@ -76,6 +76,11 @@ pub(crate) fn spectral_norm(matrix: &DMatrix<f64>) -> f64 {
     if matrix.is_empty() { 0.0 } else { matrix.singular_values().max() }
 }
 
+/// ‖M⁻¹‖₂; +∞ where M is not square.
+pub(crate) fn inverse_norm(matrix: &DMatrix<f64>) -> f64 {
+    if matrix.is_square() { matrix.singular_values().min().recip() } else { f64::INFINITY }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

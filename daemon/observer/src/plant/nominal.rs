@@ -14,6 +14,9 @@ pub trait Plant<const M: usize> {
     /// The state at the first output, from the one before it.
     fn start(&self, waiting: &Self::State, output: &SVector<f64, M>) -> Self::State;
 
+    /// The state with C x̂ = y that is nearest to this one: after an outage.
+    fn at_output(&self, state: &Self::State, output: &SVector<f64, M>) -> Self::State;
+
     /// The state after a step of `h_s` with the held `output` and `force` = u + f̂: `x̂' = A x̂ + L (y − C x̂) + B F`.
     fn follow(
         &mut self,

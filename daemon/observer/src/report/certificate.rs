@@ -35,6 +35,8 @@ pub struct Certificate {
     pub pl_norm: f64,
     /// ‖C‖₂.
     pub output_norm: f64,
+    /// ‖C⁻¹‖₂; +∞ where C is not square, so that the output does not show the whole error.
+    pub output_inverse_norm: f64,
     /// ‖PG‖₂: with G = B, for a force, it is ‖C‖.
     pub disturbance_norm: f64,
     /// δ̄, ξ̄, r_f.
@@ -59,17 +61,17 @@ impl Certificate {
         let masses = design.inertia.symmetric_eigenvalues();
         Self::new(
             (2.0 * design.gain_per_s * masses.min(), design.gain_per_s * masses.max()),
-            (1.0, 1.0),
+            (1.0, 1.0, 1.0),
             design.bounds,
             &design.dead_zone,
             sup_power_function,
         )
     }
 
-    /// From λ_min(Q) and ‖PL‖, from ‖C‖ and ‖PG‖, and from sup P_N.
+    /// From λ_min(Q) and ‖PL‖, from ‖C‖, ‖C⁻¹‖ and ‖PG‖, and from sup P_N.
     pub(crate) fn new(
         (lambda_min, pl_norm): (f64, f64),
-        (output_norm, disturbance_norm): (f64, f64),
+        (output_norm, output_inverse_norm, disturbance_norm): (f64, f64, f64),
         bounds: DisturbanceBounds,
         dead_zone: &DeadZone,
         sup_power_function: f64,
@@ -78,6 +80,7 @@ impl Certificate {
             lambda_min,
             pl_norm,
             output_norm,
+            output_inverse_norm,
             disturbance_norm,
             bounds,
             dead_zone_width: dead_zone.width(),
@@ -116,6 +119,21 @@ impl Certificate {
     /// in case that lies outside of the centers. A bound, not a covariance.
     pub fn error_bound(&self, power_function: f64) -> f64 {
         self.dead_zone_width.max(self.state_radius(power_function))
+    }
+
+    /// [`Certificate::error_bound`] where an output with this ‖ỹ‖ shows that the error is below it, +∞ elsewhere.
+    ///
+    /// The theorems say that ‖e‖ settles below the bound, but neither when nor, with δ̄ > 0, with a proof. An output says
+    /// it of its own instant, since Ce = ỹ − δ:
+    ///
+    /// `‖e‖ ≤ ‖C⁻¹‖ (‖ỹ‖ + δ̄)`
+    ///
+    /// Hence two conditions: that of Theorem 2 with this P_N, `d > ‖C‖ e_N`, and `‖C⁻¹‖ (‖ỹ‖ + δ̄) ≤ max(d, e_N)`.
+    pub fn confirmed_error_bound(&self, power_function: f64, output_error: f64) -> f64 {
+        let bound = self.error_bound(power_function);
+        let is_admissible = self.dead_zone_width > self.output_norm * self.state_radius(power_function);
+        let is_confirmed = self.output_inverse_norm * (output_error + self.bounds.noise) <= bound;
+        if is_admissible && is_confirmed { bound } else { f64::INFINITY }
     }
 }
 

@@ -21,7 +21,7 @@ use crate::law::linear_stability::largest_learning_of_every_step;
 use crate::linear_design::LinearDesign;
 use crate::plant::linear::MAX_OUTPUTS;
 use crate::plant::linear_algebra::{
-    complement, eigenvalues, reachable_subspace, spectral_abscissa, spectral_norm,
+    complement, eigenvalues, inverse_norm, reachable_subspace, spectral_abscissa, spectral_norm,
 };
 use crate::report::box_search::Supremum;
 use crate::report::certificate::Certificate;
@@ -156,6 +156,7 @@ impl DesignReport {
             solver: channel.solver,
             adaptation_rate: dynamic(&channel.adaptation_rate),
             dead_zone: channel.dead_zone,
+            options: channel.options,
             bounds: channel.bounds,
             hold_s: channel.hold_s,
             coast_step_s: channel.coast_step_s,
@@ -201,7 +202,7 @@ impl DesignReport {
         let certificate = lure.as_ref().ok().map(|pair| {
             Certificate::new(
                 (pair.lambda_min, pair.pl_norm),
-                (spectral_norm(&part.c), disturbance_norm(pair)),
+                (spectral_norm(&part.c), inverse_norm(&part.c), disturbance_norm(pair)),
                 law.bounds,
                 &law.dead_zone,
                 sup_power_function.value,

@@ -358,3 +358,53 @@ fn a_dead_zone_just_wider_than_d_n_is_what_the_error_settles_in() {
         assert!(late < 1.01, "{late}");
     }
 }
+
+/// With noise at the frequency of learning and following, ‖e‖ exceeds the bound that the theorems claim. An output with
+/// ‖ỹ‖ + δ̄ below it proves it of its own instant; the others claim nothing.
+#[test]
+fn a_confirmed_error_bound_is_true_where_the_theorems_are_not() {
+    let bounds = DisturbanceBounds { noise: 0.02, ..DisturbanceBounds::default() };
+    let design = ChannelDesign {
+        bounds,
+        ..channel(isotropic(4.0), isotropic(2500.0), zone(DeadZoneShape::Step, 0.045))
+    };
+    let space = space_of(&design);
+    let certificate = Certificate::of_channel(&design, &space);
+    assert!(certificate.is_admissible());
+    let mut channel = BodyChannel::new(&design).unwrap();
+    let (mut exceeded, mut confirmed) = (0, 0);
+    for j in 0..20_000 {
+        let t_s = j as f64 * H_S;
+        let noise = 0.02 * Vector3::new((39.0 * t_s).sin(), (39.0 * t_s).cos(), 0.0);
+        // A push that changes, as unknown force.
+        let push = Vector3::new(8.0 * (0.7 * t_s).sin().signum(), 0.0, 0.0);
+        let error = channel.output_estimate().norm();
+        let output_error = (noise - channel.output_estimate()).norm();
+        let bound = certificate.confirmed_error_bound(0.0, output_error);
+        exceeded += usize::from(error > certificate.error_bound(0.0));
+        confirmed += usize::from(bound.is_finite());
+        assert!(error <= bound, "{error} {bound}");
+        channel.step(&noise, &-push, H_S);
+    }
+    println!("‖e‖ above the theorems' bound at {exceeded} of 20000 outputs; confirmed at {confirmed}");
+    assert!(exceeded > 100 && confirmed > 1000, "{exceeded} {confirmed}");
+}
+
+/// No claim without admissibility, beside the centers, with a large ỹ, or where C does not show the whole state.
+#[test]
+fn without_its_conditions_no_error_bound_is_claimed() {
+    let bounds = DisturbanceBounds { noise: 0.02, residual_norm: 1.0, ..DisturbanceBounds::default() };
+    let claimed = |width: f64, power_function: f64, output_error: f64| {
+        let dead_zone = zone(DeadZoneShape::Saturated, width);
+        let design = ChannelDesign { bounds, ..channel(isotropic(4.0), isotropic(1.0), dead_zone) };
+        let certificate = Certificate::of_channel(&design, &space_of(&design));
+        certificate.confirmed_error_bound(power_function, output_error)
+    };
+    assert_eq!(claimed(0.08, 0.0, 0.06), 0.08);
+    assert_eq!(claimed(0.08, 0.0, 0.061), f64::INFINITY, "a larger output error");
+    assert_eq!(claimed(0.02, 0.0, 0.0), f64::INFINITY, "d ≤ d_N");
+    assert_eq!(claimed(0.05, 1.5, 0.0), f64::INFINITY, "d ≤ d_N with P_N beside the centers");
+    let observer = LinearObserver::new(&oscillator()).unwrap();
+    let certificate = observer.channel().certificate().unwrap();
+    assert_eq!(certificate.confirmed_error_bound(0.0, 0.0), f64::INFINITY, "two states, one output");
+}

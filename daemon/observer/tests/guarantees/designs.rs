@@ -3,8 +3,8 @@
 
 use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
 use observer::{
-    Centers, ChannelDesign, DeadZone, DeadZoneShape, DisturbanceBounds, Kernel, LengthScale, LinearDesign,
-    Solver,
+    Centers, ChannelDesign, DeadZone, DeadZoneShape, DisturbanceBounds, GradientOptions, Kernel, LengthScale,
+    LinearDesign, Solver,
 };
 
 /// The paper's translation but for inertia, rate and dead zone: 27 centers on [−1, 1]³, λ = 10 1/s.
@@ -23,6 +23,7 @@ pub(crate) fn body_channel(
         gain_per_s: 10.0,
         adaptation_rate,
         dead_zone,
+        options: GradientOptions::default(),
         bounds: DisturbanceBounds::default(),
         hold_s: 0.0075,
         coast_step_s: 0.005,
@@ -44,6 +45,7 @@ pub(crate) fn oscillator() -> LinearDesign {
         solver: Solver::Dense,
         adaptation_rate: matrix(1, &[50.0]),
         dead_zone: DeadZone::new(DeadZoneShape::Saturated, 1e-4, 1e-4).unwrap(),
+        options: GradientOptions::default(),
         bounds: DisturbanceBounds::default(),
         hold_s: 0.0075,
         coast_step_s: 0.005,

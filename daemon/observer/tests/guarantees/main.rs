@@ -7,6 +7,7 @@
 //! | `bounds`, `convergence`, `lyapunov` | E₀ and d_N, the convergence of the centers, V along the law's samples |
 //! | `designs` | designs and random numbers, shared with the unit tests |
 //! | `properties`, `reference_tables` | spaces and kernels, on random ones and against mpmath and SciPy |
+//! | `noise_growth` | how the norm of f̂ grows under noise, with φ at the output and at the estimate, and bounded |
 //! | `no_allocation` | steps allocate nothing |
 //!
 //! Measured figures are printed: `cargo test -p observer --test guarantees -- --nocapture`.
@@ -19,6 +20,7 @@ mod lyapunov;
 mod lyapunov_function;
 mod native_function;
 mod no_allocation;
+mod noise_growth;
 mod properties;
 mod reference_law;
 mod reference_tables;

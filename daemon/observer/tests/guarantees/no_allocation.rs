@@ -22,8 +22,9 @@ fn accepting_estimating_and_restoring_allocate_nothing() {
 }
 
 fn an_observer_allocates_nothing_after_construction(solver: Solver) {
+    let options = GradientOptions { feature_point: FeaturePoint::Estimated, max_norm: Some(0.1) };
     let translation = TranslationDesign {
-        channel: channel(4.0, solver),
+        channel: ChannelDesign { options, ..channel(4.0, solver) },
         known_force_n: Vector3::zeros(),
         velocity_error_to_position: 0.0,
         position_fix_gain_per_s: 1.0,

@@ -211,7 +211,8 @@ fn unlimited_channel(
     let fastest = learning.iter().map(|eigenvalue| eigenvalue.re).fold(0.0, f64::max);
     let scale = factor * largest_learning_rate(gain_per_s, h_s) / (fastest * squared_features);
     let function = law.function().clone();
-    Channel::of(GradientLaw::new(function, dead_zone, scale * rate, UNLIMITED), plant, at.state)
+    let law = GradientLaw::new(function, dead_zone, scale * rate, UNLIMITED, design.options);
+    Channel::of(law, plant, at.state)
 }
 
 /// The largest output error in the first and in the last tenth of a run at a frozen output, with nothing to
