@@ -8,7 +8,7 @@
 //! | another payload | a message; the counters of a status stand among its own fields |
 //! | bits of an estimate's status | the number, and `status_words` |
 //! | other bits that have words | the words |
-//! | not valid, unknown, or of a plant that is not estimated | absent |
+//! | not valid, unknown whole numbers, or of a plant that is not estimated | absent |
 //!
 //! Names and units are those of the payload (`attitude_wxyz` is `attitude`). Everything else is written, infinities and
 //! zeros too: a recording holds the bits that were sent.
@@ -128,7 +128,7 @@ fn describe(table: &Table, message: &mut DescriptorProto) {
                 let components = &field.components;
                 let mut held = DescriptorProto { name: Some(components.name.into()), ..Default::default() };
                 for name in components.names {
-                    add(&mut held, name, type_of(scalar), None, false, false);
+                    add(&mut held, name, type_of(scalar), None, field.unknown.is_some(), false);
                 }
                 add_type(message, held);
                 add(message, name_of(field), Type::Message, Some(components.name), true, false);
@@ -222,7 +222,8 @@ fn write_value(field: &Field, value: Value<'_>, number: u64, out: &mut Vec<u8>) 
         Value::Integers(values) if is_list => values.iter().for_each(|value| write_varint(*value, &mut held)),
         Value::Numbers(values) => (1..).zip(values).for_each(|(n, value)| write_number(n, *value, &mut held)),
         Value::Integers(values) => {
-            (1..).zip(values).for_each(|(n, value)| write_integer(n, *value, &mut held))
+            let known = (1..).zip(values).filter(|(_, value)| field.unknown != Some(**value));
+            known.for_each(|(n, value)| write_integer(n, *value, &mut held));
         }
         Value::Bytes(bytes) => held.extend(bytes),
         Value::Message(message) => _ = write_message(message, 1, &|_| true, &mut held),

@@ -48,7 +48,7 @@ impl Part {
 
     /// Its report within an estimate.
     pub fn channel(self, estimate: &Estimate) -> &Channel {
-        [&estimate.translation, &estimate.rotation, &estimate.linear][self as usize]
+        estimate.channels()[self as usize]
     }
 
     /// The bit that says that it coasts.

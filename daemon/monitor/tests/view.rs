@@ -52,6 +52,7 @@ fn channel(output_error: f64) -> Channel {
         solver_error: 0.0,
         error_bound: 0.05,
         output_age_s: 0.004,
+        nis: 0.0,
     }
 }
 
