@@ -269,13 +269,26 @@ mod tests {
     #[test]
     fn what_a_sample_does_not_carry_is_absent_and_the_rest_is_there_to_the_bit() {
         let sample = Measurement::at(5, 2).with_velocity_m_s([-0.0, f64::INFINITY, 1.0]);
-        // sequence, stamp, valid, frame; field 5 of 27 bytes: three doubles with their tags.
-        let mut needed = vec![0x08, 2, 0x10, 5, 0x18, 1, 0x20, 0, 0x2a, 27];
+        // sequence, stamp, valid, frame, flags, reserved; field 7 of 27 bytes: three doubles with their tags.
+        let mut needed = vec![0x08, 2, 0x10, 5, 0x18, 1, 0x20, 0, 0x28, 0, 0x30, 0, 0x3a, 27];
         for (tag, value) in [(0x09, -0.0_f64), (0x11, f64::INFINITY), (0x19, 1.0)] {
             needed.push(tag);
             needed.extend(value.to_le_bytes());
         }
         assert_eq!(encoded(sample), needed);
+    }
+
+    #[test]
+    fn an_unknown_age_of_one_channel_is_absent_and_the_others_are_there() {
+        let status = Status { output_age_ns: [u64::MAX, 7, u64::MAX], ..Status::default() };
+        let of_status = descriptor(&Status::TABLE);
+        let number = of_status.field.iter().find(|field| field.name() == "output_age_ns").unwrap().number();
+        // The rotation is component 2.
+        let mut needed = Vec::new();
+        write_bytes(number as u64, &[0x10, 7], &mut needed);
+        assert!(encoded(status).windows(needed.len()).any(|window| window == needed), "{needed:?}");
+        let ages = of_status.nested_type.iter().find(|held| held.name() == "AgePerChannel").unwrap();
+        assert!(ages.field.iter().all(|component| component.proto3_optional()));
     }
 
     #[test]
