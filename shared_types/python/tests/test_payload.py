@@ -71,11 +71,11 @@ def test_status_rejections_and_replies_in_words():
 
 
 def test_a_deviation_may_be_infinite_but_not_nan():
-    estimate = Estimate(velocity_std_m_s=[float("inf")] * 3)
+    estimate = Estimate(velocity_std_m_s=(float("inf"),) * 3)
     assert estimate.is_finite()
     estimate.attitude_std_rad[1] = float("nan")
     assert not estimate.is_finite()
-    assert not Estimate(velocity_m_s=[float("inf")] * 3).is_finite()
+    assert not Estimate(velocity_m_s=(float("inf"),) * 3).is_finite()
 
 
 @pytest.mark.parametrize("name", ["velocity", "velocity_ms"])

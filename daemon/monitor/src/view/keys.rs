@@ -49,8 +49,7 @@ const HELP: &str = "\
  error      size of the output error: measured minus estimated
  zone       width of the dead zone: nothing is learned from a smaller error
  bound      what it settles below, if daemon check says so; no covariance
- NIS        error² over its variance: 1 in the mean if the noises are right;
-            below 96 columns in the place of bound, where a law has it
+ NIS        error² over its variance: 1 in the mean; or bound, below 96 columns
  σ          the dead zone's output; 0: within the noise, nothing learned
  uncovered  0 %: at a center; 100 %: no center knows this motion
  norm       of the learned function in its native space
