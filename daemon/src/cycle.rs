@@ -28,6 +28,8 @@ const LOOKS_BETWEEN_CLOCKS: usize = 16;
 /// The record of one tick for the housekeeping thread.
 #[derive(Debug, Clone, Copy)]
 pub struct TickRecord {
+    /// When the tick woke (ns).
+    pub wake_ns: u64,
     /// Deadline to wake-up (ns); `None` where a sample and not a deadline woke the loop.
     pub wake_up_lateness_ns: Option<u64>,
     /// Wake-up to publication (ns).
@@ -44,6 +46,11 @@ pub struct TickRecord {
     pub newest_sequence: u64,
     /// Stamp of the newest accepted sample (ns).
     pub newest_stamp_ns: Option<u64>,
+    /// Age of the newest output of each channel in this tick's estimate (ns); `None` before the first, and where there is
+    /// no such channel.
+    pub output_ages_ns: [Option<u64>; 3],
+    /// Normalized innovation squared of the newest output of each channel.
+    pub nis: [f64; 3],
     /// The source in use.
     pub source: Option<u128>,
     /// Another source whose samples are refused.
@@ -151,6 +158,7 @@ impl Cycle {
         let input_age_ns = self.engine.input_age_ns();
         let gate = self.engine.gate();
         self.record = Some(TickRecord {
+            wake_ns,
             wake_up_lateness_ns: wake_up.deadline_ns.map(|deadline_ns| wake_ns.saturating_sub(deadline_ns)),
             step_ns: published_ns - wake_ns,
             input_age_ns,
@@ -159,6 +167,8 @@ impl Cycle {
             counters: *self.engine.counters(),
             newest_sequence: estimate.source_sequence,
             newest_stamp_ns: gate.newest_stamp_ns(),
+            output_ages_ns: self.engine.output_ages_ns(&estimate),
+            nis: estimate.channels().map(|channel| channel.nis),
             source: gate.source(),
             other_source: gate.other_source(),
             stuck: estimate.status & status_bits::STUCK != 0,

@@ -9,7 +9,7 @@ use crate::config::{Clock, Config, DeadlineConfig, InputConfig, OutlierAction};
 use crate::estimator::{ChannelName, Estimator, EstimatorState, VehicleEstimate};
 use crate::gate::{Accepted, Gate, GateState};
 pub use flight_record::LoopCommand;
-use observer::{ChannelReport, Learn};
+use observer::{ChannelReport, Deviations, Learn};
 use serde::{Deserialize, Serialize};
 use shared_types::payload::{Channel, Counters, Estimate, Measurement, Rejection, status_bits};
 
@@ -27,6 +27,7 @@ pub struct EngineState {
     pub estimator: EstimatorState,
     gate: GateState,
     frozen: bool,
+    on_ground: bool,
     newest_arrival_ns: Option<u64>,
 }
 
@@ -47,10 +48,12 @@ pub struct Engine {
     limits: InputConfig,
     deadline: DeadlineConfig,
     clock: Clock,
-    stale_after_ns: u64,
+    stale_after_s: f64,
     checkpoint_every: u64,
     counters: Counters,
     frozen: bool,
+    /// Whether the newest accepted sample says that the vehicle stands on the ground.
+    on_ground: bool,
     newest_arrival_ns: Option<u64>,
     /// Stamps of the newest fallback to the checkpoint (ns), by channel.
     fell_back_ns: [Option<u64>; 3],
@@ -80,10 +83,11 @@ impl Engine {
             limits: config.input,
             deadline: config.deadline,
             clock: config.clock,
-            stale_after_ns: (config.stale_after_s * 1e9) as u64,
+            stale_after_s: config.stale_after_s,
             checkpoint_every: ((CHECKPOINT_EVERY_S * config.rate_hz) as u64).max(1),
             counters: Counters::default(),
             frozen: false,
+            on_ground: false,
             newest_arrival_ns: None,
             fell_back_ns: [None; 3],
             n_forgotten: 0,
@@ -123,7 +127,7 @@ impl Engine {
     }
 
     fn accept(&mut self, accepted: &Accepted) {
-        let Accepted { mut sample, mut linear, lost, new_source, new_time, stuck } = *accepted;
+        let Accepted { mut sample, mut linear, lost, new_source, new_time, stuck, on_ground } = *accepted;
         if new_time {
             self.estimator.restart();
             self.fell_back_ns = [None; 3];
@@ -138,7 +142,8 @@ impl Engine {
             sample.angular_velocity_rad_s = sample.angular_velocity_rad_s.filter(|_| !stuck[1]);
             linear.output = linear.output.filter(|_| !stuck[2]);
         }
-        let learn = Learn { frozen: self.frozen, teaches };
+        self.on_ground = on_ground;
+        let learn = Learn { frozen: self.frozen || on_ground, teaches };
         let outliers = self.estimator.accept(&sample, &linear, learn);
         for (count, is_outlier) in self.counters.outputs_held_back.iter_mut().zip(outliers) {
             *count += u64::from(is_outlier);
@@ -227,19 +232,36 @@ impl Engine {
 
     fn status_of(&self, state: &VehicleEstimate, age_ns: Option<u64>) -> u64 {
         let any = |test: fn(&ChannelReport) -> bool| state.reports().any(test);
-        let coasting = |channel: Option<ChannelReport>| channel.is_some_and(|channel| channel.coasting);
-        let body = state.rigid_body.as_ref();
-        let linear = state.linear.map(|linear| linear.report);
-        bit(!any(|channel| channel.coasting), status_bits::TRACKING)
-            | bit(coasting(body.and_then(|body| body.translation)), status_bits::COASTING_TRANSLATION)
-            | bit(coasting(body.and_then(|body| body.rotation)), status_bits::COASTING_ROTATION)
-            | bit(coasting(linear), status_bits::COASTING_LINEAR)
-            | bit(age_ns.is_none_or(|age_ns| age_ns > self.stale_after_ns), status_bits::STALE)
+        let any_reacquires = any(|channel| channel.reacquiring);
+        bit(!any(|channel| channel.coasting) && !any_reacquires, status_bits::TRACKING)
+            | bit(any_reacquires, status_bits::REACQUIRING)
+            | self.coasting_and_stale_bits(state, age_ns)
             | bit(age_ns.is_none(), status_bits::WAITING)
             | bit(any(|channel| channel.activation > 0.0), status_bits::ADAPTING)
             | bit(any(|channel| channel.clamped), status_bits::CLAMPED)
             | bit(any(|channel| channel.outside_centers), status_bits::OUTSIDE_CENTERS)
             | bit(self.frozen, status_bits::FROZEN)
+            | bit(self.on_ground, status_bits::ON_GROUND)
+    }
+
+    /// Which channels coast, and which are stale. Without any sample for `stale_after_s`, all of them are stale.
+    fn coasting_and_stale_bits(&self, state: &VehicleEstimate, age_ns: Option<u64>) -> u64 {
+        use status_bits::{
+            COASTING_LINEAR, COASTING_ROTATION, COASTING_TRANSLATION, STALE, STALE_LINEAR, STALE_ROTATION,
+            STALE_TRANSLATION,
+        };
+        let is_silent = age_ns.is_none_or(|age_ns| age_ns as f64 / 1e9 > self.stale_after_s);
+        let bits_of = |channel: ChannelName| match channel {
+            ChannelName::Translation => (COASTING_TRANSLATION, STALE_TRANSLATION),
+            ChannelName::Rotation => (COASTING_ROTATION, STALE_ROTATION),
+            ChannelName::Linear => (COASTING_LINEAR, STALE_LINEAR),
+        };
+        ChannelName::ALL.into_iter().fold(0, |bits, channel| {
+            let Some(report) = state.report(channel) else { return bits };
+            let (coasting, stale) = bits_of(channel);
+            let is_stale = is_silent || report.output_age_s > self.stale_after_s;
+            bits | bit(report.coasting, coasting) | bit(is_stale, stale | STALE)
+        })
     }
 
     /// Age of the newest accepted sample at the wake-up (ns). If samples are the clock, their stamps are not comparable with
@@ -257,6 +279,17 @@ impl Engine {
         self.age_of_newest_ns().filter(|_| self.tick.new_sample && self.clock == Clock::Monotonic)
     }
 
+    /// Age of the newest output of each channel in an estimate of this engine (ns); `None` before the first, and where there
+    /// is no such channel.
+    pub fn output_ages_ns(&self, estimate: &Estimate) -> [Option<u64>; 3] {
+        let channels = estimate.channels();
+        ChannelName::ALL.map(|name| {
+            let age_s = channels[name as usize].output_age_s;
+            (self.estimator.channel(name).is_some() && age_s.is_finite())
+                .then(|| (age_s * 1e9).round() as u64)
+        })
+    }
+
     /// Carries out a command, between two ticks.
     pub fn carry_out(&mut self, command: LoopCommand) {
         match command {
@@ -265,6 +298,7 @@ impl Engine {
                 self.estimator.reset();
                 self.gate.forget();
                 self.newest_arrival_ns = None;
+                self.on_ground = false;
                 self.n_forgotten += 1;
                 self.save();
             }
@@ -303,6 +337,7 @@ impl Engine {
             estimator: self.estimator.save(),
             gate: self.gate.state(),
             frozen: self.frozen,
+            on_ground: self.on_ground,
             newest_arrival_ns: self.newest_arrival_ns,
         });
     }
@@ -338,6 +373,7 @@ impl Engine {
         if let Some(state) = state {
             self.gate.resume(&state.gate);
             self.frozen = state.frozen;
+            self.on_ground = state.on_ground;
             self.newest_arrival_ns = state.newest_arrival_ns;
         }
         self.save();
@@ -420,8 +456,16 @@ pub fn to_payload(state: &VehicleEstimate) -> Estimate {
         solver_error: report.solver_error,
         error_bound: report.error_bound,
         output_age_s: report.output_age_s,
+        nis: report.nis,
     };
     let mut estimate = Estimate { attitude_wxyz: [1.0, 0.0, 0.0, 0.0], ..Estimate::default() };
+    let deviations = state.rigid_body.as_ref().map_or(Deviations::UNKNOWN, |body| body.deviations);
+    estimate.position_std_m = deviations.position_m;
+    estimate.velocity_std_m_s = deviations.velocity_m_s;
+    estimate.attitude_std_rad = deviations.attitude_rad;
+    estimate.angular_velocity_std_rad_s = deviations.angular_velocity_rad_s;
+    estimate.matched_force_std_n = deviations.matched_force_n;
+    estimate.matched_torque_std_n_m = deviations.matched_torque_n_m;
     if let Some(body) = &state.rigid_body {
         let q = body.attitude.coords;
         estimate.stamp_ns = body.stamp_ns;
@@ -449,6 +493,7 @@ mod tests {
     use super::*;
     use crate::assemble;
     use crate::config::ConfigFile;
+    use shared_types::payload::valid;
 
     const START_NS: u64 = 1_000_000_000_000;
     const PERIOD_NS: u64 = 5_000_000;
@@ -601,6 +646,122 @@ mod tests {
             other.load(&Checkpoint { learned: vec![0.0; engine.n_learned()], state }).unwrap();
             assert_eq!(other.frozen(), frozen);
         }
+    }
+
+    #[test]
+    fn each_channel_is_stale_by_the_age_of_its_own_output() {
+        use status_bits::{STALE, STALE_LINEAR, STALE_ROTATION, STALE_TRANSLATION, WAITING};
+        let mut engine = engine(|config| config.stale_after_s = 0.5);
+        let mut status_at = |j: u64, fields: u32| {
+            let stamp_ns = START_NS + j * PERIOD_NS;
+            engine.begin(stamp_ns, 0);
+            let whole = Measurement::at(stamp_ns, j)
+                .with_velocity_m_s([1.0, 0.0, 0.01 * j as f64])
+                .with_angular_velocity_rad_s([0.0, 0.0, 0.001 * j as f64]);
+            if fields != 0 {
+                engine.take(&Measurement { valid: fields, ..whole }, 1);
+            }
+            let estimate = engine.conclude();
+            let bits = STALE | STALE_TRANSLATION | STALE_ROTATION | STALE_LINEAR | WAITING;
+            (estimate.status & bits, engine.output_ages_ns(&estimate))
+        };
+        let both = valid::VELOCITY | valid::ANGULAR_VELOCITY;
+        assert_eq!(status_at(0, 0), (STALE | STALE_TRANSLATION | STALE_ROTATION | WAITING, [None; 3]));
+        // The rotation has no output yet.
+        assert_eq!(status_at(1, valid::VELOCITY), (STALE | STALE_ROTATION, [Some(0), None, None]));
+        assert_eq!(status_at(2, both), (0, [Some(0), Some(0), None]));
+        // 0.5 s later it is as old as it may be, and a tick later older.
+        for j in 3..=102 {
+            assert_eq!(status_at(j, valid::VELOCITY).0, 0, "{j}");
+        }
+        let rotation_is_stale = (STALE | STALE_ROTATION, [Some(0), Some(101 * PERIOD_NS), None]);
+        assert_eq!(status_at(103, valid::VELOCITY), rotation_is_stale);
+        assert_eq!(status_at(104, both).0, 0);
+        let silent = status_at(205, 0);
+        assert_eq!(silent.0, STALE | STALE_TRANSLATION | STALE_ROTATION);
+    }
+
+    #[test]
+    fn on_the_ground_nothing_is_learned_until_a_sample_says_otherwise() {
+        let learned = |engine: &mut Engine| {
+            engine.save();
+            let mut learned = vec![0.0; engine.n_learned()];
+            engine.read_saved(0, &mut learned);
+            learned
+        };
+        // The ground bears a weight that is not commanded away.
+        let stand = |engine: &mut Engine, j: u64, is_on_ground: bool| {
+            let stamp_ns = START_NS + j * PERIOD_NS;
+            engine.begin(stamp_ns, 0);
+            let sample = Measurement::at(stamp_ns, j)
+                .with_velocity_m_s([0.0, 0.0, 1e-3 * (7.0 * j as f64).sin()])
+                .with_force_n([0.0; 3]);
+            engine.take(&if is_on_ground { sample.with_on_ground() } else { sample }, 1);
+            engine.conclude()
+        };
+        let mut engine = engine(|_| {});
+        for j in 0..200 {
+            let estimate = stand(&mut engine, j, true);
+            assert_ne!(estimate.status & status_bits::ON_GROUND, 0);
+            assert_eq!(estimate.status & status_bits::FROZEN, 0);
+        }
+        assert!(learned(&mut engine).iter().all(|number| *number == 0.0));
+
+        // Another engine goes on from it to the bit, still on the ground: a tick without a sample shows it.
+        let mut other = self::engine(|_| {});
+        let checkpoint = Checkpoint { learned: learned(&mut engine), state: engine.saved_state() };
+        other.load(&checkpoint).unwrap();
+        for engine in [&mut engine, &mut other] {
+            engine.begin(START_NS + 200 * PERIOD_NS, 0);
+        }
+        let (before, after) = (engine.conclude(), other.conclude());
+        assert_ne!(after.status & status_bits::ON_GROUND, 0);
+        assert_eq!(Estimate { sequence: before.sequence, ..after }, before);
+
+        for j in 201..400 {
+            assert_eq!(stand(&mut engine, j, false).status & status_bits::ON_GROUND, 0);
+        }
+        assert!(learned(&mut engine).iter().any(|number| *number != 0.0));
+        stand(&mut engine, 400, true);
+        engine.carry_out(LoopCommand::Reset);
+        engine.begin(START_NS + 401 * PERIOD_NS, 0);
+        assert_eq!(engine.conclude().status & status_bits::ON_GROUND, 0, "it is forgotten with the state");
+    }
+
+    #[test]
+    fn a_channel_that_reacquires_is_not_tracking_and_deviations_and_nis_are_published() {
+        let mut engine = engine(|_| {});
+        (0..10).for_each(|j| _ = tick(&mut engine, j, 0, 0.0));
+        let mut state = engine.estimator.estimate(START_NS + 9 * PERIOD_NS);
+        let body = state.rigid_body.as_mut().unwrap();
+        for report in [&mut body.translation, &mut body.rotation].into_iter().flatten() {
+            report.coasting = false;
+        }
+        let bits = status_bits::TRACKING | status_bits::REACQUIRING;
+        assert_eq!(engine.status_of(&state, Some(0)) & bits, status_bits::TRACKING);
+        let unknown = to_payload(&state);
+        assert!(unknown.velocity_std_m_s == [f64::INFINITY; 3] && unknown.is_finite());
+
+        let body = state.rigid_body.as_mut().unwrap();
+        body.deviations = Deviations {
+            position_m: [1.0, 2.0, 3.0],
+            velocity_m_s: [4.0, 5.0, 6.0],
+            attitude_rad: [7.0, 8.0, 9.0],
+            angular_velocity_rad_s: [10.0, 11.0, 12.0],
+            matched_force_n: [13.0, 14.0, 15.0],
+            matched_torque_n_m: [16.0, 17.0, 18.0],
+        };
+        let rotation = body.rotation.as_mut().unwrap();
+        (rotation.reacquiring, rotation.nis) = (true, 1.25);
+        assert_eq!(engine.status_of(&state, Some(0)) & bits, status_bits::REACQUIRING);
+        let estimate = to_payload(&state);
+        assert_eq!(estimate.position_std_m, [1.0, 2.0, 3.0]);
+        assert_eq!(estimate.velocity_std_m_s, [4.0, 5.0, 6.0]);
+        assert_eq!(estimate.attitude_std_rad, [7.0, 8.0, 9.0]);
+        assert_eq!(estimate.angular_velocity_std_rad_s, [10.0, 11.0, 12.0]);
+        assert_eq!(estimate.matched_force_std_n, [13.0, 14.0, 15.0]);
+        assert_eq!(estimate.matched_torque_std_n_m, [16.0, 17.0, 18.0]);
+        assert_eq!(estimate.channels().map(|channel| channel.nis), [0.0, 1.25, 0.0]);
     }
 
     #[test]

@@ -7,7 +7,7 @@ use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 use observer::{LinearOutput, Sample, Velocity};
 use serde::{Deserialize, Serialize};
 use shared_types::Measurement;
-use shared_types::payload::{MAX_SEQUENCE_GAP, QUATERNION_NORM_TOLERANCE, Rejection, frame, valid};
+use shared_types::payload::{MAX_SEQUENCE_GAP, QUATERNION_NORM_TOLERANCE, Rejection, flags, frame, valid};
 use shared_types::table::{Bound, Limit, Message, Payload, Value};
 
 /// If samples are the clock, a stamp further ahead than this starts a new time, if its source may do so (s).
@@ -31,6 +31,8 @@ pub struct Accepted {
     pub new_time: bool,
     /// Whether velocity, angular velocity, output repeat one value to the bit for longer than a working sensor does.
     pub stuck: [bool; 3],
+    /// Whether the vehicle says that it stands on the ground.
+    pub on_ground: bool,
 }
 
 /// What was measured of a general linear plant and commanded to it.
@@ -215,7 +217,15 @@ impl Gate {
     fn check(&self, m: &Measurement, source: u128, now_ns: u64) -> Result<Accepted, Rejection> {
         let sample = sample_of(m, &self.limits)?;
         let linear = linear_sample_of(m);
-        let anew = Accepted { sample, linear, lost: 0, new_source: true, new_time: false, stuck: [false; 3] };
+        let anew = Accepted {
+            sample,
+            linear,
+            lost: 0,
+            new_source: true,
+            new_time: false,
+            stuck: [false; 3],
+            on_ground: m.is_on_ground(),
+        };
         if self.check_clock {
             if m.stamp_ns > now_ns.saturating_add(nanoseconds(self.limits.max_future_s)) {
                 return Err(Rejection::FarFuture);
@@ -268,7 +278,8 @@ impl Gate {
 fn check_values(m: &Measurement, limits: &InputConfig) -> Result<(), Rejection> {
     let has_unknown_frame =
         m.has(valid::VELOCITY) && ![frame::INERTIAL, frame::BODY].contains(&m.velocity_frame);
-    if m.valid & valid::ALL == 0 || m.valid & !valid::ALL != 0 || has_unknown_frame {
+    let has_unknown_bit = m.valid & !valid::ALL != 0 || m.flags & !flags::ALL != 0;
+    if m.valid & valid::ALL == 0 || has_unknown_bit || has_unknown_frame {
         return Err(Rejection::Malformed);
     }
     if !m.is_finite() {
@@ -385,6 +396,11 @@ mod tests {
             (good.with_attitude_wxyz([0.0; 4]), Rejection::QuaternionNorm),
             (good, Rejection::Malformed),
             (Measurement { valid: 1 << 20 | valid::VELOCITY, ..good }, Rejection::Malformed),
+            (
+                Measurement { flags: flags::ON_GROUND | 1 << 7, ..good.with_velocity_m_s(one) },
+                Rejection::Malformed,
+            ),
+            (good.with_on_ground(), Rejection::Malformed),
             (Measurement { velocity_frame: 2, ..good.with_velocity_m_s(one) }, Rejection::Malformed),
         ];
         for (measurement, reason) in cases {

@@ -458,7 +458,11 @@ fn the_readmes_loop_is_accepted_by_the_compiler() {
     let block = readme.split("```cpp\n").nth(1).unwrap().split("```").next().unwrap();
     let directory = tempfile::tempdir().unwrap();
     let source = directory.path().join("loop.cpp");
-    std::fs::write(&source, format!("void control(const double *, const double *);\n{block}")).unwrap();
+    std::fs::write(
+        &source,
+        format!("void control(const double *, const double *);\nbool landed();\n{block}"),
+    )
+    .unwrap();
     let include = of_the_client("include");
     let warnings = ["-Wall", "-Wextra", "-Werror"];
     output_of(

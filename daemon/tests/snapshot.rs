@@ -7,7 +7,7 @@ use daemon::ServiceFiles;
 use daemon::assemble;
 use daemon::config::ConfigFile;
 use daemon::engine::{Checkpoint, Engine};
-use daemon::snapshot::Snapshot;
+use daemon::snapshot::{Snapshot, VERSION};
 use rustix::process::Signal;
 use shared_types::clock::monotonic_ns;
 use shared_types::payload::{command, outcome, restored};
@@ -231,7 +231,8 @@ fn a_damaged_file_is_set_aside_and_keeps_nothing_on_the_ground() {
     std::fs::write(snapshot_path(&domain), b"obs-snap\x07\0\0\0and what only that one knows").unwrap();
     let Ended { code, log, .. } = run_daemon(&domain, &[]).finish();
     assert!(code == Some(2) && log.contains("version 7") && log.contains("--fresh"), "{log}");
-    std::fs::write(snapshot_path(&domain), b"obs-snap\x02\0\0\0sum and then something else").unwrap();
+    let damaged = [b"obs-snap", &VERSION.to_le_bytes()[..], b"sum and then something else"].concat();
+    std::fs::write(snapshot_path(&domain), damaged).unwrap();
     let daemon = run_daemon(&domain, &[]);
     domain.client();
     assert_eq!(domain.status().snapshot_restored, restored::NOTHING);

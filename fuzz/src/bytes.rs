@@ -1,7 +1,7 @@
 //! Turns bytes into numbers, stamps and samples that often reveal faults.
 
 use shared_types::Measurement;
-use shared_types::payload::{frame, valid};
+use shared_types::payload::{flags, frame, valid};
 
 /// The bytes of one run, read from the front; where they end, zeros follow.
 pub(crate) struct Bytes<'a>(
@@ -98,10 +98,16 @@ impl Bytes<'_> {
         }
         let bits = u32::from(self.byte());
         m.valid = if self.byte() < 8 { u32::from_le_bytes(self.array()) } else { bits & valid::ALL };
-        m.velocity_frame = match self.byte() {
+        let kind = self.byte();
+        m.velocity_frame = match kind {
             0 => u32::from_le_bytes(self.array()),
             kind if kind % 2 == 1 => frame::BODY,
             _ => frame::INERTIAL,
+        };
+        m.flags = match kind {
+            1 => u32::from_le_bytes(self.array()),
+            32..=63 => flags::ON_GROUND,
+            _ => 0,
         };
         let mut fill = |bit: u32, field: &mut [f64]| {
             if m.valid & bit != 0 {

@@ -127,8 +127,9 @@ fn assert_sound(channel: &Channel) {
         solver_error,
         error_bound,
         output_age_s,
+        nis,
     } = *channel;
-    let finite = [output_error, activation, power_function, native_norm, solver_error];
+    let finite = [output_error, activation, power_function, native_norm, solver_error, nis];
     assert!(finite.iter().all(|x| x.is_finite() && *x >= 0.0), "{channel:?}");
     assert!(power_function <= 1.0 + 1e-6, "{channel:?}");
     assert!(error_bound >= 0.0 && output_age_s >= 0.0, "{channel:?}");

@@ -113,8 +113,10 @@ pub const EULER: Components = Components { name: "Euler", names: &["roll", "pitc
 /// Counts of the three channels.
 pub const PER_CHANNEL: Components =
     Components { name: "PerChannel", names: &["translation", "rotation", "linear"] };
-/// Sizes of the three channels, each in the unit of its output.
+/// Sizes of the three channels, each in the unit that its field names.
 pub const SIZE_PER_CHANNEL: Components = Components { name: "SizePerChannel", ..PER_CHANNEL };
+/// Ages of the three channels, of which each may be unknown.
+pub const AGE_PER_CHANNEL: Components = Components { name: "AgePerChannel", ..PER_CHANNEL };
 
 /// One row.
 #[derive(Debug, Clone, Copy)]
@@ -137,8 +139,10 @@ pub struct Field {
     pub limit: Limit,
     /// The words of its bits.
     pub words: Option<&'static Constants>,
-    /// The value that means unknown.
+    /// The whole number that means unknown.
     pub unknown: Option<u64>,
+    /// Whether +∞ is one of its values: it means unknown.
+    pub may_be_infinite: bool,
 }
 
 impl Field {
@@ -155,6 +159,7 @@ impl Field {
             limit: Limit::None,
             words: None,
             unknown: None,
+            may_be_infinite: false,
         }
     }
 
@@ -231,12 +236,14 @@ pub trait Payload: Message + Sized {
     const TABLE: Table;
 }
 
-/// Whether every number is finite, in fields of several numbers that are valid.
+/// Whether every number is finite, or +∞ where that means unknown, in fields of several numbers that are valid.
 pub fn numbers_are_finite(message: &impl Message, valid: u32) -> bool {
     let fields = message.table().fields.iter().enumerate();
     let mut valid = fields.filter(|(_, field)| valid & field.valid == field.valid);
-    valid.all(|(i, _)| match message.value(i) {
-        Value::Numbers(numbers) => numbers.iter().all(|number| number.is_finite()),
+    valid.all(|(i, field)| match message.value(i) {
+        Value::Numbers(numbers) => numbers
+            .iter()
+            .all(|number| number.is_finite() || (field.may_be_infinite && *number == f64::INFINITY)),
         _ => true,
     })
 }

@@ -72,10 +72,10 @@ pub struct Config {
     #[serde(default)]
     #[schemars(range(min = 0.0))]
     pub spin_us: f64,
-    /// Without a sample for this long, the estimate's status says stale.
+    /// When a configured channel has no output for this long, the estimate's status says stale, and which channel.
     ///
     /// As long as your controller may fly on a prediction. Only the status changes: channels coast much
-    /// earlier.
+    /// earlier. A channel without any output yet is stale, too: configure those that are measured.
     #[serde(default = "stale_after_s")]
     #[schemars(extend("exclusiveMinimum" = 0.0))]
     pub stale_after_s: f64,

@@ -3,10 +3,10 @@
 use std::fmt;
 use std::io;
 
-/// Version of the layout. Since 2 a session holds its checkpoint as bytes of their own.
-pub const VERSION: u8 = 2;
+/// Version of the layout. Since 3 a measurement has flags, an estimate deviations.
+pub const VERSION: u8 = 3;
 /// Read as a length, the first four bytes exceed that of any frame. The digit is [`VERSION`].
-pub const MARK: &[u8; 16] = b"\xff\xff\xff\xffflight-rec2\n";
+pub const MARK: &[u8; 16] = b"\xff\xff\xff\xffflight-rec3\n";
 /// Where the version's digit stands.
 const DIGIT: usize = 14;
 

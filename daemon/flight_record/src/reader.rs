@@ -117,7 +117,7 @@ impl<R: Read + Seek> Reader<R> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{Entry, LoopCommand, OtherVersion, Session, Writer};
+    use crate::{Entry, LoopCommand, OtherVersion, Session, VERSION, Writer};
     use shared_types::Measurement;
     use std::io::Cursor;
 
@@ -237,7 +237,7 @@ mod tests {
         for error in [read, written] {
             assert_eq!(OtherVersion::in_error(&error), Some(OtherVersion { found: '1' }));
             let sentence = error.to_string();
-            assert!(sentence.contains("of version 1; needed: version 2"), "{sentence}");
+            assert!(sentence.contains(&format!("of version 1; needed: version {VERSION}")), "{sentence}");
         }
         assert_eq!(std::fs::read(&path).unwrap(), older);
     }

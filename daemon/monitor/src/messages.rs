@@ -8,7 +8,7 @@
 //! | another payload | a message; the counters of a status stand among its own fields |
 //! | bits of an estimate's status | the number, and `status_words` |
 //! | other bits that have words | the words |
-//! | not valid, unknown, or of a plant that is not estimated | absent |
+//! | not valid, unknown whole numbers, or of a plant that is not estimated | absent |
 //!
 //! Names and units are those of the payload (`attitude_wxyz` is `attitude`). Everything else is written, infinities and
 //! zeros too: a recording holds the bits that were sent.
@@ -128,7 +128,7 @@ fn describe(table: &Table, message: &mut DescriptorProto) {
                 let components = &field.components;
                 let mut held = DescriptorProto { name: Some(components.name.into()), ..Default::default() };
                 for name in components.names {
-                    add(&mut held, name, type_of(scalar), None, false, false);
+                    add(&mut held, name, type_of(scalar), None, field.unknown.is_some(), false);
                 }
                 add_type(message, held);
                 add(message, name_of(field), Type::Message, Some(components.name), true, false);
@@ -222,7 +222,8 @@ fn write_value(field: &Field, value: Value<'_>, number: u64, out: &mut Vec<u8>) 
         Value::Integers(values) if is_list => values.iter().for_each(|value| write_varint(*value, &mut held)),
         Value::Numbers(values) => (1..).zip(values).for_each(|(n, value)| write_number(n, *value, &mut held)),
         Value::Integers(values) => {
-            (1..).zip(values).for_each(|(n, value)| write_integer(n, *value, &mut held))
+            let known = (1..).zip(values).filter(|(_, value)| field.unknown != Some(**value));
+            known.for_each(|(n, value)| write_integer(n, *value, &mut held));
         }
         Value::Bytes(bytes) => held.extend(bytes),
         Value::Message(message) => _ = write_message(message, 1, &|_| true, &mut held),
@@ -268,13 +269,26 @@ mod tests {
     #[test]
     fn what_a_sample_does_not_carry_is_absent_and_the_rest_is_there_to_the_bit() {
         let sample = Measurement::at(5, 2).with_velocity_m_s([-0.0, f64::INFINITY, 1.0]);
-        // sequence, stamp, valid, frame; field 5 of 27 bytes: three doubles with their tags.
-        let mut needed = vec![0x08, 2, 0x10, 5, 0x18, 1, 0x20, 0, 0x2a, 27];
+        // sequence, stamp, valid, frame, flags, reserved; field 7 of 27 bytes: three doubles with their tags.
+        let mut needed = vec![0x08, 2, 0x10, 5, 0x18, 1, 0x20, 0, 0x28, 0, 0x30, 0, 0x3a, 27];
         for (tag, value) in [(0x09, -0.0_f64), (0x11, f64::INFINITY), (0x19, 1.0)] {
             needed.push(tag);
             needed.extend(value.to_le_bytes());
         }
         assert_eq!(encoded(sample), needed);
+    }
+
+    #[test]
+    fn an_unknown_age_of_one_channel_is_absent_and_the_others_are_there() {
+        let status = Status { output_age_ns: [u64::MAX, 7, u64::MAX], ..Status::default() };
+        let of_status = descriptor(&Status::TABLE);
+        let number = of_status.field.iter().find(|field| field.name() == "output_age_ns").unwrap().number();
+        // The rotation is component 2.
+        let mut needed = Vec::new();
+        write_bytes(number as u64, &[0x10, 7], &mut needed);
+        assert!(encoded(status).windows(needed.len()).any(|window| window == needed), "{needed:?}");
+        let ages = of_status.nested_type.iter().find(|held| held.name() == "AgePerChannel").unwrap();
+        assert!(ages.field.iter().all(|component| component.proto3_optional()));
     }
 
     #[test]

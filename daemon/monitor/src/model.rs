@@ -48,13 +48,19 @@ impl Part {
 
     /// Its report within an estimate.
     pub fn channel(self, estimate: &Estimate) -> &Channel {
-        [&estimate.translation, &estimate.rotation, &estimate.linear][self as usize]
+        estimate.channels()[self as usize]
     }
 
     /// The bit that says that it coasts.
     pub fn coasting_bit(self) -> u64 {
         use status_bits::{COASTING_LINEAR, COASTING_ROTATION, COASTING_TRANSLATION};
         [COASTING_TRANSLATION, COASTING_ROTATION, COASTING_LINEAR][self as usize]
+    }
+
+    /// The bit that says that it is stale.
+    pub fn stale_bit(self) -> u64 {
+        use status_bits::{STALE_LINEAR, STALE_ROTATION, STALE_TRANSLATION};
+        [STALE_TRANSLATION, STALE_ROTATION, STALE_LINEAR][self as usize]
     }
 }
 
@@ -67,6 +73,8 @@ pub struct Vector {
     pub axes: &'static [&'static str],
     /// What is shown, of the newest estimate.
     pub now: Vec<f64>,
+    /// 1 σ of each, in the same unit; +∞ where it is unknown.
+    pub deviations: [f64; 3],
     /// Each component over time.
     pub histories: Vec<History>,
     /// The least range that a picture of it spans, so that noise looks like noise.
@@ -74,6 +82,7 @@ pub struct Vector {
     /// Which part of the estimate it belongs to.
     pub part: Part,
     read: fn(&Estimate) -> Vec<f64>,
+    read_deviations: fn(&Estimate) -> [f64; 3],
     /// Components up to the last one that was ever other than zero.
     used: usize,
 }
@@ -85,13 +94,25 @@ impl Vector {
         axes: &'static [&'static str],
         least_span: f64,
         read: fn(&Estimate) -> Vec<f64>,
+        read_deviations: fn(&Estimate) -> [f64; 3],
     ) -> Self {
-        let histories = vec![History::default(); axes.len()];
-        Self { name, axes, now: vec![0.0; axes.len()], histories, least_span, part, read, used: 0 }
+        Self {
+            name,
+            axes,
+            now: vec![0.0; axes.len()],
+            deviations: [f64::INFINITY; 3],
+            histories: vec![History::default(); axes.len()],
+            least_span,
+            part,
+            read,
+            read_deviations,
+            used: 0,
+        }
     }
 
     fn note(&mut self, estimate: &Estimate) {
         self.now = (self.read)(estimate);
+        self.deviations = (self.read_deviations)(estimate);
         for (k, (history, &value)) in self.histories.iter_mut().zip(&self.now).enumerate() {
             history.note(estimate.publish_stamp_ns, value);
             if value != 0.0 {
@@ -109,6 +130,11 @@ impl Vector {
         }
     }
 
+    /// 1 σ of a component; `None` where it is unknown.
+    pub fn deviation(&self, component: usize) -> Option<f64> {
+        self.deviations.get(component).copied().filter(|deviation| deviation.is_finite())
+    }
+
     /// How many components are shown: of a linear plant, whose size is not published, those up to the last one that was ever other than zero.
     pub fn n_shown(&self) -> usize {
         if self.part == Part::Linear { self.used.max(1) } else { self.axes.len() }
@@ -121,17 +147,52 @@ static NUMBERS: [&str; 12] = ["1", "2", "3", "4", "5", "6", "7", "8", "9", "10",
 
 fn vectors() -> Vec<Vector> {
     use Part::{Linear, Rotation, Translation};
+    let unknown = |_: &Estimate| [f64::INFINITY; 3];
     vec![
-        Vector::new(Translation, "position m", &XYZ, 0.5, |e| e.position_m.to_vec()),
-        Vector::new(Translation, "velocity m/s", &XYZ, 0.2, |e| e.velocity_m_s.to_vec()),
-        Vector::new(Rotation, "attitude deg", &RPY, 2.0, |e| e.euler_rad.map(f64::to_degrees).to_vec()),
-        Vector::new(Rotation, "rates deg/s", &XYZ, 2.0, |e| {
-            e.angular_velocity_rad_s.map(f64::to_degrees).to_vec()
-        }),
-        Vector::new(Translation, "learned N", &XYZ, 0.5, |e| e.matched_force_n.to_vec()),
-        Vector::new(Rotation, "learned N·m", &XYZ, 0.02, |e| e.matched_torque_n_m.to_vec()),
-        Vector::new(Linear, "state", &NUMBERS, 1e-3, |e| e.state.to_vec()),
-        Vector::new(Linear, "learned f", &NUMBERS[..6], 1e-3, |e| e.matched_input.to_vec()),
+        Vector::new(Translation, "position m", &XYZ, 0.5, |e| e.position_m.to_vec(), |e| e.position_std_m),
+        Vector::new(
+            Translation,
+            "velocity m/s",
+            &XYZ,
+            0.2,
+            |e| e.velocity_m_s.to_vec(),
+            |e| e.velocity_std_m_s,
+        ),
+        // Deviations are about the body's axes: near level flight those of roll, pitch and yaw.
+        Vector::new(
+            Rotation,
+            "attitude deg",
+            &RPY,
+            2.0,
+            |e| e.euler_rad.map(f64::to_degrees).to_vec(),
+            |e| e.attitude_std_rad.map(f64::to_degrees),
+        ),
+        Vector::new(
+            Rotation,
+            "rates deg/s",
+            &XYZ,
+            2.0,
+            |e| e.angular_velocity_rad_s.map(f64::to_degrees).to_vec(),
+            |e| e.angular_velocity_std_rad_s.map(f64::to_degrees),
+        ),
+        Vector::new(
+            Translation,
+            "learned N",
+            &XYZ,
+            0.5,
+            |e| e.matched_force_n.to_vec(),
+            |e| e.matched_force_std_n,
+        ),
+        Vector::new(
+            Rotation,
+            "learned N·m",
+            &XYZ,
+            0.02,
+            |e| e.matched_torque_n_m.to_vec(),
+            |e| e.matched_torque_std_n_m,
+        ),
+        Vector::new(Linear, "state", &NUMBERS, 1e-3, |e| e.state.to_vec(), unknown),
+        Vector::new(Linear, "learned f", &NUMBERS[..6], 1e-3, |e| e.matched_input.to_vec(), unknown),
     ]
 }
 

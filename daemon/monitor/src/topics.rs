@@ -113,6 +113,11 @@ impl<Message: Encode> Topic<Message> {
 
 /// A change of one of these bits is logged.
 const LOGGED: u64 = status_bits::STALE
+    | status_bits::STALE_TRANSLATION
+    | status_bits::STALE_ROTATION
+    | status_bits::STALE_LINEAR
+    | status_bits::REACQUIRING
+    | status_bits::ON_GROUND
     | status_bits::WAITING
     | status_bits::COASTING
     | status_bits::FROZEN

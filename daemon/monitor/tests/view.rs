@@ -52,6 +52,7 @@ fn channel(output_error: f64) -> Channel {
         solver_error: 0.0,
         error_bound: 0.05,
         output_age_s: 0.004,
+        nis: 0.0,
     }
 }
 
@@ -71,8 +72,37 @@ fn body(t_s: f64) -> Estimate {
         matched_torque_n_m: [0.011, 0.022, 0.033],
         translation: channel(0.0123),
         rotation: channel(0.0045),
+        ..unsure()
+    }
+}
+
+/// Without a known deviation.
+fn unsure() -> Estimate {
+    let unknown = [f64::INFINITY; 3];
+    Estimate {
+        position_std_m: unknown,
+        velocity_std_m_s: unknown,
+        attitude_std_rad: unknown,
+        angular_velocity_std_rad_s: unknown,
+        matched_force_std_n: unknown,
+        matched_torque_std_n_m: unknown,
         ..Estimate::default()
     }
+}
+
+/// The same with the deviations and NIS of a law that knows them.
+fn sure(t_s: f64) -> Estimate {
+    let mut estimate = Estimate {
+        position_std_m: [1.25, 0.35, 123.0],
+        velocity_std_m_s: [0.0123, 0.0234, 4e-4],
+        attitude_std_rad: [0.001, 0.002, 0.003],
+        angular_velocity_std_rad_s: [0.01, 0.02, 0.03],
+        matched_force_std_n: [0.31, 0.52, 12.0],
+        matched_torque_std_n_m: [0.004, 0.005, 0.006],
+        ..body(t_s)
+    };
+    (estimate.translation.nis, estimate.rotation.nis) = (1.07, 0.815);
+    estimate
 }
 
 /// A linear plant of five states and two inputs.
@@ -202,13 +232,60 @@ fn a_small_terminal_shows_what_matters_most_and_says_that_there_is_more() {
 }
 
 #[test]
+fn deviations_and_nis_stand_beside_the_values_on_80_by_24() {
+    for (width, height) in [(80, 24), (100, 30), (200, 50)] {
+        let text = drawn(&heard(sure), width, height);
+        let missing_bound = if width < 96 { Some("0.0500") } else { None };
+        let essential: Vec<_> = ESSENTIAL.into_iter().filter(|text| Some(*text) != missing_bound).collect();
+        assert_shows(&text, &essential);
+        let deviations =
+            ["12.345 ±1.2", "-3.210 ±0.35", "-110.000 ±123", "±0.012", "±4e-4", "±0.057", "±12", "±0.006"];
+        assert_shows(&text, &deviations);
+        assert_shows(&text, &["NIS", "1.070", "0.815"]);
+    }
+    // A smaller one shows the values alone.
+    let small = drawn(&heard(sure), 60, 15);
+    assert!(small.contains("30.000") && !small.contains('±'), "{small}");
+    let unknown = drawn(&heard(body), 80, 24);
+    assert!(!unknown.contains('±') && !unknown.contains("NIS"), "{unknown}");
+}
+
+#[test]
+fn a_channel_that_is_silent_is_named_and_the_other_goes_on() {
+    let mut model = heard(body);
+    let mut late = body(60.05);
+    late.status = bits::STALE | bits::STALE_ROTATION | bits::COASTING_ROTATION | bits::ON_GROUND;
+    late.rotation.output_age_s = 0.8;
+    model.note(News::Estimate(late));
+    let text = drawn(&model, 80, 24);
+    assert_shows(
+        &text,
+        &[
+            "DO NOT FLY ON THIS: no angular velocity comes",
+            "stale-rotation: no angular velocity for 0.8 s; does its sensor work?",
+            "grounded",
+            "on-ground:",
+        ],
+    );
+    let of_rotation = text.lines().find(|line| line.starts_with(" rotation")).unwrap();
+    assert!(of_rotation.contains("stale") && !text.contains("coasting-rotation"), "{text}");
+    // All silent: said once.
+    late.publish_stamp_ns += S;
+    late.status |= bits::STALE_TRANSLATION;
+    model.note(News::Estimate(late));
+    let text = drawn(&model, 80, 24);
+    assert_shows(&text, &["DO NOT FLY ON THIS: no sample comes", "stale: no good sample for 4 ms"]);
+    assert!(!text.contains("stale-"), "{text}");
+}
+
+#[test]
 fn the_local_solvers_error_takes_the_norms_place_where_there_is_no_room_for_both() {
     let local = |t_s: f64| {
         let mut estimate = body(t_s);
         estimate.translation.solver_error = 0.0777;
         estimate
     };
-    let [exact, narrow, wide] = [(heard(body), 80), (heard(local), 80), (heard(local), 88)]
+    let [exact, narrow, wide] = [(heard(body), 80), (heard(local), 80), (heard(local), 96)]
         .map(|(model, width)| drawn(&model, width, 24));
     assert_shows(&exact, &["zone", "norm", "3.210"]);
     assert!(!exact.contains("solver"), "{exact}");
@@ -243,6 +320,7 @@ fn any_size_is_drawn() {
         let mut estimate = both(t_s);
         estimate.position_m = [f64::NAN, f64::INFINITY, -1e300];
         estimate.velocity_m_s = [1e308, -1e308, 1e-308];
+        estimate.velocity_std_m_s = [1e308, 0.0, 1e-308];
         estimate.translation.error_bound = f64::INFINITY;
         estimate.translation.output_age_s = f64::INFINITY;
         estimate.rotation.output_error = f64::NAN;
@@ -251,7 +329,8 @@ fn any_size_is_drawn() {
     };
     let mut away = heard(body);
     away.note(News::Away { since_ns: START_NS, why: "no process runs it; start it: daemon run".into() });
-    for model in [Model::new("v"), heard(body), heard(plant), heard(both), heard(strange), away] {
+    for model in [Model::new("v"), heard(body), heard(sure), heard(plant), heard(both), heard(strange), away]
+    {
         for height in [0, 1, 2, 3, 8, 15, 23, 24, 34, 55, 120] {
             for width in [0, 1, 2, 3, 14, 15, 30, 60, 79, 80, 110, 200, 300] {
                 let mut view = View::new(PLAIN);

@@ -5,6 +5,7 @@ use crate::system::settings;
 use clap::{Args, ValueEnum};
 use comfy_table::{Table, presets::NOTHING};
 use shared_types::payload::{LatencySummary, Rejection, Status, command, outcome, real_time, restored};
+use shared_types::table::PER_CHANNEL;
 use shared_types::{Client, ClientError, outln};
 use std::time::Duration;
 
@@ -119,6 +120,15 @@ fn print_status(status: &Status) {
     fact("running for", format!("{:.1} s", seconds(status.stamp_ns - status.start_stamp_ns)));
     fact("rate", format!("{} Hz", status.rate_millihertz as f64 / 1e3));
     fact("newest sample", format!("sequence {}, {age}", status.newest_sequence));
+    for (k, name) in
+        PER_CHANNEL.names.iter().enumerate().filter(|(k, _)| status.output_age_ns[*k] != u64::MAX)
+    {
+        let nis = if status.nis[k] == 0.0 { String::new() } else { format!(", NIS {:.2}", status.nis[k]) };
+        fact(
+            &format!("newest output of {name}"),
+            format!("{:.3} s ago{nis}", seconds(status.output_age_ns[k])),
+        );
+    }
     fact("source", format!("{}; another: {}", source(status.source_pid), source(status.other_source_pid)));
     fact("adaptation", if status.adaptation_frozen == 1 { "frozen".into() } else { "on".into() });
     let refused = real_time::words(status.real_time_requested & !status.real_time_granted).join(", ");

@@ -149,6 +149,7 @@ impl Housekeeping {
             dead_zone_width: self.dead_zone_width,
             counters: self.newest.map_or_else(Counters::default, |record| record.counters),
             newest_sample_age_ns: u64::MAX,
+            output_age_ns: [u64::MAX; 3],
             wake_up_lateness_ns: self.wake_up_lateness.summary(),
             step_ns: self.step.summary(),
             input_age_ns: self.input_age.summary(),
@@ -177,6 +178,11 @@ impl Housekeeping {
         if let Some(stamp_ns) = record.newest_stamp_ns {
             status.newest_sample_age_ns = status.stamp_ns.saturating_sub(stamp_ns);
         }
+        let since_tick_ns = status.stamp_ns.saturating_sub(record.wake_ns);
+        status.output_age_ns = record
+            .output_ages_ns
+            .map(|age_ns| age_ns.map_or(u64::MAX, |age_ns| age_ns.saturating_add(since_tick_ns)));
+        status.nis = record.nis;
         let pid = |source: Option<u128>| source.and_then(|source| self.ports.source_pid(source)).unwrap_or(0);
         status.source_pid = pid(record.source);
         status.other_source_pid = pid(record.other_source);

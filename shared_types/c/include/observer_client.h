@@ -26,7 +26,7 @@
 #include <stdint.h>
 
 /** Tells the payloads of one version from those of another: for observer_open(). */
-#define OBSERVER_LAYOUT UINT32_C(0xc5116db0)
+#define OBSERVER_LAYOUT UINT32_C(0x3e778751)
 
 /** Enough for the text of any reply, with its end. */
 #define OBSERVER_REPLY_TEXT_BYTES 249
@@ -47,14 +47,21 @@
 #define OBSERVER_FRAME_INERTIAL UINT32_C(0x0) /**< Components along the inertial axes. */
 #define OBSERVER_FRAME_BODY UINT32_C(0x1) /**< Components along the body axes (a Doppler log). */
 
+/* Bits of observer_measurement.flags. A sample with any other bit is malformed, as with any other bit of `valid`. */
+/** The vehicle stands on the ground, by its own landed detector. Nothing is learned while the newest sample
+ * has this bit: the ground's reaction is no force of the motion. */
+#define OBSERVER_FLAGS_ON_GROUND UINT32_C(0x1)
+#define OBSERVER_FLAGS_ALL UINT32_C(0x1) /**< Every bit that has a meaning. */
+
 /* Bits of observer_estimate.status. */
-/** Every configured channel follows measurements that it holds now. */
+/** Every configured channel follows measurements that it holds now, and none is reacquiring. */
 #define OBSERVER_STATUS_BITS_TRACKING UINT64_C(0x1)
 /** The translation channel predicts without a velocity measurement. */
 #define OBSERVER_STATUS_BITS_COASTING_TRANSLATION UINT64_C(0x2)
 /** The rotation channel predicts without an angular-velocity measurement. */
 #define OBSERVER_STATUS_BITS_COASTING_ROTATION UINT64_C(0x4)
-/** No sample for longer than `stale_after_s`, or none yet: do not fly on this. */
+/** A configured channel is stale, or no sample came for longer than `stale_after_s`: do not fly on this. The
+ * bits `STALE_…` say which channel. */
 #define OBSERVER_STATUS_BITS_STALE UINT64_C(0x8)
 /** A channel's dead zone is open: the unknown force is being learned now. */
 #define OBSERVER_STATUS_BITS_ADAPTING UINT64_C(0x10)
@@ -81,6 +88,16 @@
 /** An output that is an outlier against its recent errors was held back since the previous estimate. */
 #define OBSERVER_STATUS_BITS_HELD_BACK UINT64_C(0x8000)
 #define OBSERVER_STATUS_BITS_STUCK UINT64_C(0x10000) /**< A sensor repeats one value to the bit. */
+/** After an outage, a channel's innovations are not back within the gate: its state is uncertain. */
+#define OBSERVER_STATUS_BITS_REACQUIRING UINT64_C(0x20000)
+/** The newest velocity measurement is older than `stale_after_s`, or there was none yet. */
+#define OBSERVER_STATUS_BITS_STALE_TRANSLATION UINT64_C(0x40000)
+/** The newest angular-velocity measurement is older than `stale_after_s`, or there was none yet. */
+#define OBSERVER_STATUS_BITS_STALE_ROTATION UINT64_C(0x80000)
+/** The newest output of the general linear plant is older than `stale_after_s`, or there was none yet. */
+#define OBSERVER_STATUS_BITS_STALE_LINEAR UINT64_C(0x100000)
+/** The newest sample says that the vehicle stands on the ground: nothing is learned. */
+#define OBSERVER_STATUS_BITS_ON_GROUND UINT64_C(0x200000)
 #define OBSERVER_STATUS_BITS_COASTING UINT64_C(0x806) /**< Any channel coasts. */
 
 /* Bits of observer_status.real_time_requested and observer_status.real_time_granted. */
@@ -133,7 +150,8 @@ typedef enum {
   OBSERVER_REJECTION_FAR_FUTURE, /**< The stamp lies too far ahead of the clock. */
   OBSERVER_REJECTION_SEQUENCE_BACKWARDS, /**< The sequence went backwards although the source is the same. */
   OBSERVER_REJECTION_OTHER_SOURCE, /**< Another source holds the stream. */
-  OBSERVER_REJECTION_MALFORMED, /**< No valid field, an unknown bit or an unknown frame. */
+  /** No valid field, an unknown bit of `valid` or `flags`, or an unknown frame. */
+  OBSERVER_REJECTION_MALFORMED,
   OBSERVER_REJECTION_OVERLOAD, /**< The loop was late for too long to use it. */
 } observer_rejection;
 
@@ -143,6 +161,8 @@ typedef struct {
   uint64_t stamp_ns; /**< CLOCK_MONOTONIC of the source when the readings were taken (ns). */
   uint32_t valid; /**< Which of the fields below are valid: bits of OBSERVER_VALID_…. */
   uint32_t velocity_frame; /**< Frame of `velocity_m_s`: OBSERVER_FRAME_INERTIAL or OBSERVER_FRAME_BODY. */
+  uint32_t flags; /**< What the vehicle says of itself: bits of OBSERVER_FLAGS_…. */
+  uint32_t reserved; /**< Zero. */
   /** Velocity of the center of mass, in the frame that `velocity_frame` names (m/s). */
   double velocity_m_s[3];
   double angular_velocity_rad_s[3]; /**< Angular velocity, body axes (rad/s). */
@@ -172,6 +192,9 @@ typedef struct {
    * tells). A bound, not a covariance; +∞ while coasting. */
   double error_bound;
   double output_age_s; /**< Time since the stamp of the newest output measurement (s); +∞ before the first. */
+  /** Normalized innovation squared: e²/S of the newest output, mean over its axes. 1 in the mean where the
+   * noises are right; 0 where the law has no S, and before the first output. */
+  double nis;
 } observer_channel;
 
 /** The state estimate at `stamp_ns`, and how far it can be trusted. */
@@ -191,6 +214,14 @@ typedef struct {
   double angular_velocity_rad_s[3]; /**< Angular velocity, body axes (rad/s). */
   double matched_force_n[3]; /**< f̂: the learned unknown force, inertial axes (N). */
   double matched_torque_n_m[3]; /**< f̂: the learned unknown torque, body axes (N·m). */
+  /** 1 σ of `position_m`, inertial axes (m); +∞ where it is unknown, as each of the next five: with `law =
+   * "gradient"`, and before the first output. */
+  double position_std_m[3];
+  double velocity_std_m_s[3]; /**< 1 σ of `velocity_m_s`, inertial axes (m/s). */
+  double attitude_std_rad[3]; /**< 1 σ of the rotation vector of the attitude's error, body axes (rad). */
+  double angular_velocity_std_rad_s[3]; /**< 1 σ of `angular_velocity_rad_s`, body axes (rad/s). */
+  double matched_force_std_n[3]; /**< 1 σ of `matched_force_n`, inertial axes (N). */
+  double matched_torque_std_n_m[3]; /**< 1 σ of `matched_torque_n_m`, body axes (N·m). */
   observer_channel translation; /**< Trust in position, velocity and force. */
   observer_channel rotation; /**< Trust in attitude, angular velocity and torque. */
   /** x̂ of a general linear plant, its first n entries, in the units of its configuration. */
@@ -246,6 +277,12 @@ typedef struct {
   uint64_t newest_sequence; /**< Sequence of the newest accepted sample. */
   /** Age of the newest accepted sample (ns); the largest number before the first. */
   uint64_t newest_sample_age_ns;
+  /** Age of the newest output of each channel (ns): of translation, rotation, linear plant; the largest number
+   * before the first, and where there is no such channel. */
+  uint64_t output_age_ns[3];
+  /** Normalized innovation squared of the newest output of each channel, as `nis` of an estimate's channels.
+   * */
+  double nis[3];
   uint64_t source_pid; /**< Process id of the source in use; 0 if none or unknown. */
   uint64_t other_source_pid; /**< Process id of another source that publishes too; 0 if none. */
   uint64_t adaptation_frozen; /**< 1 while adaptation is frozen by an operator. */
@@ -410,21 +447,23 @@ const char *observer_error_text(void);
 #endif  // __cplusplus
 
 /* The payloads as the library was compiled. */
-static_assert(sizeof(observer_measurement) == 272 && offsetof(observer_measurement, sequence) == 0
+static_assert(sizeof(observer_measurement) == 280 && offsetof(observer_measurement, sequence) == 0
     && offsetof(observer_measurement, stamp_ns) == 8 && offsetof(observer_measurement, valid) == 16
-    && offsetof(observer_measurement, velocity_frame) == 20
-    && offsetof(observer_measurement, velocity_m_s) == 24
-    && offsetof(observer_measurement, angular_velocity_rad_s) == 48
-    && offsetof(observer_measurement, position_m) == 72 && offsetof(observer_measurement, attitude_wxyz) == 96
-    && offsetof(observer_measurement, force_n) == 128 && offsetof(observer_measurement, torque_n_m) == 152
-    && offsetof(observer_measurement, output) == 176 && offsetof(observer_measurement, input) == 224,
+    && offsetof(observer_measurement, velocity_frame) == 20 && offsetof(observer_measurement, flags) == 24
+    && offsetof(observer_measurement, reserved) == 28 && offsetof(observer_measurement, velocity_m_s) == 32
+    && offsetof(observer_measurement, angular_velocity_rad_s) == 56
+    && offsetof(observer_measurement, position_m) == 80
+    && offsetof(observer_measurement, attitude_wxyz) == 104 && offsetof(observer_measurement, force_n) == 136
+    && offsetof(observer_measurement, torque_n_m) == 160 && offsetof(observer_measurement, output) == 184
+    && offsetof(observer_measurement, input) == 232,
     "layout of observer_measurement");
-static_assert(sizeof(observer_channel) == 56 && offsetof(observer_channel, output_error) == 0
+static_assert(sizeof(observer_channel) == 64 && offsetof(observer_channel, output_error) == 0
     && offsetof(observer_channel, activation) == 8 && offsetof(observer_channel, power_function) == 16
     && offsetof(observer_channel, native_norm) == 24 && offsetof(observer_channel, solver_error) == 32
-    && offsetof(observer_channel, error_bound) == 40 && offsetof(observer_channel, output_age_s) == 48,
+    && offsetof(observer_channel, error_bound) == 40 && offsetof(observer_channel, output_age_s) == 48
+    && offsetof(observer_channel, nis) == 56,
     "layout of observer_channel");
-static_assert(sizeof(observer_estimate) == 536 && offsetof(observer_estimate, sequence) == 0
+static_assert(sizeof(observer_estimate) == 704 && offsetof(observer_estimate, sequence) == 0
     && offsetof(observer_estimate, source_sequence) == 8 && offsetof(observer_estimate, stamp_ns) == 16
     && offsetof(observer_estimate, source_stamp_ns) == 24
     && offsetof(observer_estimate, publish_stamp_ns) == 32 && offsetof(observer_estimate, status) == 40
@@ -433,9 +472,15 @@ static_assert(sizeof(observer_estimate) == 536 && offsetof(observer_estimate, se
     && offsetof(observer_estimate, angular_velocity_rad_s) == 152
     && offsetof(observer_estimate, matched_force_n) == 176
     && offsetof(observer_estimate, matched_torque_n_m) == 200
-    && offsetof(observer_estimate, translation) == 224 && offsetof(observer_estimate, rotation) == 280
-    && offsetof(observer_estimate, state) == 336 && offsetof(observer_estimate, matched_input) == 432
-    && offsetof(observer_estimate, linear) == 480,
+    && offsetof(observer_estimate, position_std_m) == 224
+    && offsetof(observer_estimate, velocity_std_m_s) == 248
+    && offsetof(observer_estimate, attitude_std_rad) == 272
+    && offsetof(observer_estimate, angular_velocity_std_rad_s) == 296
+    && offsetof(observer_estimate, matched_force_std_n) == 320
+    && offsetof(observer_estimate, matched_torque_std_n_m) == 344
+    && offsetof(observer_estimate, translation) == 368 && offsetof(observer_estimate, rotation) == 432
+    && offsetof(observer_estimate, state) == 496 && offsetof(observer_estimate, matched_input) == 592
+    && offsetof(observer_estimate, linear) == 640,
     "layout of observer_estimate");
 static_assert(sizeof(observer_latency_summary) == 48 && offsetof(observer_latency_summary, count) == 0
     && offsetof(observer_latency_summary, p50) == 8 && offsetof(observer_latency_summary, p90) == 16
@@ -455,25 +500,26 @@ static_assert(sizeof(observer_counters) == 240 && offsetof(observer_counters, ti
     && offsetof(observer_counters, records_dropped) == 224
     && offsetof(observer_counters, ticks_not_recorded) == 232,
     "layout of observer_counters");
-static_assert(sizeof(observer_status) == 600 && offsetof(observer_status, sequence) == 0
+static_assert(sizeof(observer_status) == 648 && offsetof(observer_status, sequence) == 0
     && offsetof(observer_status, stamp_ns) == 8 && offsetof(observer_status, start_stamp_ns) == 16
     && offsetof(observer_status, rate_millihertz) == 24 && offsetof(observer_status, dead_zone_width) == 32
     && offsetof(observer_status, counters) == 56 && offsetof(observer_status, newest_sequence) == 296
-    && offsetof(observer_status, newest_sample_age_ns) == 304 && offsetof(observer_status, source_pid) == 312
-    && offsetof(observer_status, other_source_pid) == 320
-    && offsetof(observer_status, adaptation_frozen) == 328
-    && offsetof(observer_status, late_ticks_in_a_row) == 336
-    && offsetof(observer_status, most_late_ticks_in_a_row) == 344
-    && offsetof(observer_status, real_time_requested) == 352
-    && offsetof(observer_status, real_time_granted) == 360
-    && offsetof(observer_status, snapshot_restored) == 368
-    && offsetof(observer_status, snapshots_saved) == 376 && offsetof(observer_status, snapshots_failed) == 384
-    && offsetof(observer_status, snapshot_stamp_ns) == 392 && offsetof(observer_status, ticks_recorded) == 400
-    && offsetof(observer_status, wake_up_lateness_ns) == 408 && offsetof(observer_status, step_ns) == 456
-    && offsetof(observer_status, input_age_ns) == 504
-    && offsetof(observer_status, source_to_publish_ns) == 552,
+    && offsetof(observer_status, newest_sample_age_ns) == 304
+    && offsetof(observer_status, output_age_ns) == 312 && offsetof(observer_status, nis) == 336
+    && offsetof(observer_status, source_pid) == 360 && offsetof(observer_status, other_source_pid) == 368
+    && offsetof(observer_status, adaptation_frozen) == 376
+    && offsetof(observer_status, late_ticks_in_a_row) == 384
+    && offsetof(observer_status, most_late_ticks_in_a_row) == 392
+    && offsetof(observer_status, real_time_requested) == 400
+    && offsetof(observer_status, real_time_granted) == 408
+    && offsetof(observer_status, snapshot_restored) == 416
+    && offsetof(observer_status, snapshots_saved) == 424 && offsetof(observer_status, snapshots_failed) == 432
+    && offsetof(observer_status, snapshot_stamp_ns) == 440 && offsetof(observer_status, ticks_recorded) == 448
+    && offsetof(observer_status, wake_up_lateness_ns) == 456 && offsetof(observer_status, step_ns) == 504
+    && offsetof(observer_status, input_age_ns) == 552
+    && offsetof(observer_status, source_to_publish_ns) == 600,
     "layout of observer_status");
-static_assert(sizeof(observer_reply) == 856 && offsetof(observer_reply, outcome) == 0
+static_assert(sizeof(observer_reply) == 904 && offsetof(observer_reply, outcome) == 0
     && offsetof(observer_reply, message_bytes) == 4 && offsetof(observer_reply, message) == 8
     && offsetof(observer_reply, status) == 256,
     "layout of observer_reply");

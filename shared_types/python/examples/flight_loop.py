@@ -28,6 +28,7 @@ def fly(read_sensors, instance="vehicle", root=None, rate_hz=200.0, duration_s=1
                 angular_velocity_rad_s=angular_velocity_rad_s,
                 attitude_wxyz=attitude_wxyz,
                 force_n=force_n,  # what was commanded, inertial axes
+                # on_ground=True while the landed detector says so: nothing is learned
             )
             estimate = vehicle.latest()  # the newest one, no queue
             if estimate is None or estimate.status & do_not_fly or estimate.age_s() > 0.1:

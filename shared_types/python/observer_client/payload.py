@@ -44,13 +44,24 @@ class frame:
     BODY = 0x1  # Components along the body axes (a Doppler log).
 
 
+class flags:
+    """Bits of `Measurement.flags`. A sample with any other bit is malformed, as with any other bit of `valid`."""
+
+    # The vehicle stands on the ground, by its own landed detector. Nothing is learned while the newest sample
+    # has this bit: the ground's reaction is no force of the motion.
+    ON_GROUND = 0x1
+    ALL = 0x1  # Every bit that has a meaning.
+
+
 class status_bits:
     """Bits of `Estimate.status`."""
 
-    TRACKING = 0x1  # Every configured channel follows measurements that it holds now.
+    TRACKING = 0x1  # Every configured channel follows measurements that it holds now, and none is reacquiring.
     COASTING_TRANSLATION = 0x2  # The translation channel predicts without a velocity measurement.
     COASTING_ROTATION = 0x4  # The rotation channel predicts without an angular-velocity measurement.
-    STALE = 0x8  # No sample for longer than `stale_after_s`, or none yet: do not fly on this.
+    # A configured channel is stale, or no sample came for longer than `stale_after_s`: do not fly on this.
+    # The bits `STALE_…` say which channel.
+    STALE = 0x8
     ADAPTING = 0x10  # A channel's dead zone is open: the unknown force is being learned now.
     FROZEN = 0x20  # Adaptation was frozen by an operator.
     OUTSIDE_CENTERS = 0x40  # The held output lies outside the box of the kernel centers: nothing was learned there.
@@ -67,6 +78,14 @@ class status_bits:
     # An output that is an outlier against its recent errors was held back since the previous estimate.
     HELD_BACK = 0x8000
     STUCK = 0x10000  # A sensor repeats one value to the bit.
+    # After an outage, a channel's innovations are not back within the gate: its state is uncertain.
+    REACQUIRING = 0x20000
+    STALE_TRANSLATION = 0x40000  # The newest velocity measurement is older than `stale_after_s`, or there was none yet.
+    # The newest angular-velocity measurement is older than `stale_after_s`, or there was none yet.
+    STALE_ROTATION = 0x80000
+    # The newest output of the general linear plant is older than `stale_after_s`, or there was none yet.
+    STALE_LINEAR = 0x100000
+    ON_GROUND = 0x200000  # The newest sample says that the vehicle stands on the ground: nothing is learned.
     COASTING = 0x806  # Any channel coasts.
 
 
@@ -125,6 +144,11 @@ STATUS_WORDS = {
     0x4000: "invalid",
     0x8000: "held-back",
     0x10000: "stuck-sensor",
+    0x20000: "reacquiring",
+    0x40000: "stale-translation",
+    0x80000: "stale-rotation",
+    0x100000: "stale-linear",
+    0x200000: "on-ground",
 }
 
 
@@ -170,12 +194,14 @@ READINGS = {
 class Measurement(Structure):
     """One set of sensor readings and commands, all taken at `stamp_ns`."""
 
-    TYPE_NAME = "observer.Measurement.v2"
+    TYPE_NAME = "observer.Measurement.v3"
 
     sequence: u64  # Counts from 0, one up per sample; a gap counts as loss.
     stamp_ns: u64  # CLOCK_MONOTONIC of the source when the readings were taken (ns).
     valid: u32  # Which of the fields below are valid: bits of `valid`.
     velocity_frame: u32  # Frame of `velocity_m_s`: `frame.INERTIAL` or `frame.BODY`.
+    flags: u32  # What the vehicle says of itself: bits of `flags`.
+    reserved: u32  # Zero.
     velocity_m_s: f64x3  # Velocity of the center of mass, in the frame that `velocity_frame` names (m/s).
     angular_velocity_rad_s: f64x3  # Angular velocity, body axes (rad/s).
     position_m: f64x3  # Position fix, inertial (m).
@@ -191,7 +217,7 @@ class Channel(Structure):
     """How far one channel's estimate can be trusted. Units are those of the channel's output: m/s for
     translation, rad/s for rotation, of the configuration for a general linear plant; forces N or N·m."""
 
-    TYPE_NAME = "observer.Channel.v2"
+    TYPE_NAME = "observer.Channel.v3"
 
     output_error: f64  # ‖ỹ‖ = ‖y − Cx̂‖ at the held sample; 0 while coasting.
     activation: f64  # σ, the dead zone's output now: 0 is closed, nothing is learned.
@@ -204,14 +230,25 @@ class Channel(Structure):
     # check` tells). A bound, not a covariance; +∞ while coasting.
     error_bound: f64
     output_age_s: f64  # Time since the stamp of the newest output measurement (s); +∞ before the first.
+    # Normalized innovation squared: e²/S of the newest output, mean over its axes. 1 in the mean where the
+    # noises are right; 0 where the law has no S, and before the first output.
+    nis: f64
 
 
 @laid_out
 class Estimate(EstimateStructure):
     """The state estimate at `stamp_ns`, and how far it can be trusted."""
 
-    TYPE_NAME = "observer.Estimate.v3"
+    TYPE_NAME = "observer.Estimate.v4"
     WORDS = STATUS_WORDS
+    MAY_BE_INFINITE = (
+        "position_std_m",
+        "velocity_std_m_s",
+        "attitude_std_rad",
+        "angular_velocity_std_rad_s",
+        "matched_force_std_n",
+        "matched_torque_std_n_m",
+    )
 
     sequence: u64  # Counts the service's publications from 0.
     source_sequence: u64  # Sequence of the newest sample that went into this estimate.
@@ -226,6 +263,14 @@ class Estimate(EstimateStructure):
     angular_velocity_rad_s: f64x3  # Angular velocity, body axes (rad/s).
     matched_force_n: f64x3  # f̂: the learned unknown force, inertial axes (N).
     matched_torque_n_m: f64x3  # f̂: the learned unknown torque, body axes (N·m).
+    # 1 σ of `position_m`, inertial axes (m); +∞ where it is unknown, as each of the next five: with `law =
+    # "gradient"`, and before the first output.
+    position_std_m: f64x3
+    velocity_std_m_s: f64x3  # 1 σ of `velocity_m_s`, inertial axes (m/s).
+    attitude_std_rad: f64x3  # 1 σ of the rotation vector of the attitude's error, body axes (rad).
+    angular_velocity_std_rad_s: f64x3  # 1 σ of `angular_velocity_rad_s`, body axes (rad/s).
+    matched_force_std_n: f64x3  # 1 σ of `matched_force_n`, inertial axes (N).
+    matched_torque_std_n_m: f64x3  # 1 σ of `matched_torque_n_m`, body axes (N·m).
     translation: Channel  # Trust in position, velocity and force.
     rotation: Channel  # Trust in attitude, angular velocity and torque.
     state: f64x12  # x̂ of a general linear plant, its first n entries, in the units of its configuration.
@@ -278,7 +323,7 @@ class Counters(Structure):
 class Status(StatusStructure):
     """What the service did since it started."""
 
-    TYPE_NAME = "observer.Status.v4"
+    TYPE_NAME = "observer.Status.v5"
     WORDS = REJECTION_WORDS
 
     sequence: u64  # Counts publications from 0.
@@ -291,6 +336,11 @@ class Status(StatusStructure):
     counters: Counters  # What the engine and its loop counted.
     newest_sequence: u64  # Sequence of the newest accepted sample.
     newest_sample_age_ns: u64  # Age of the newest accepted sample (ns); the largest number before the first.
+    # Age of the newest output of each channel (ns): of translation, rotation, linear plant; the largest
+    # number before the first, and where there is no such channel.
+    output_age_ns: u64x3
+    # Normalized innovation squared of the newest output of each channel, as `nis` of an estimate's channels.
+    nis: f64x3
     source_pid: u64  # Process id of the source in use; 0 if none or unknown.
     other_source_pid: u64  # Process id of another source that publishes too; 0 if none.
     adaptation_frozen: u64  # 1 while adaptation is frozen by an operator.
@@ -343,7 +393,7 @@ class Command(Structure):
 class Reply(ReplyStructure):
     """The service's answer, with its status after the command."""
 
-    TYPE_NAME = "observer.Reply.v4"
+    TYPE_NAME = "observer.Reply.v5"
 
     outcome: u32  # One of `outcome`.
     message_bytes: u32  # Bytes of `message` in use.

@@ -92,6 +92,8 @@ class EstimateStructure(Structure):
 
     #: Words for the bits of its status.
     WORDS = {}
+    #: Fields of which infinity is a value: unknown.
+    MAY_BE_INFINITE = ()
 
     def words(self):
         """Its status in words: `tracking`, `coasting-translation`, `stale`, ..."""
@@ -102,9 +104,13 @@ class EstimateStructure(Structure):
         return (time.monotonic_ns() - self.publish_stamp_ns) * 1e-9
 
     def is_finite(self):
-        """Whether every component of state and forces is a finite number."""
-        arrays = (getattr(self, name) for name, kind in self._fields_ if issubclass(kind, ctypes.Array))
-        return all(math.isfinite(component) for array in arrays for component in array)
+        """Whether every component of state and forces is a finite number, and every deviation a number or infinity."""
+        arrays = ((name, getattr(self, name)) for name, kind in self._fields_ if issubclass(kind, ctypes.Array))
+        return all(
+            math.isfinite(component) or (name in self.MAY_BE_INFINITE and component == math.inf)
+            for name, array in arrays
+            for component in array
+        )
 
 
 class StatusStructure(Structure):

@@ -76,12 +76,14 @@ class Vehicle:
             self._publisher.delete()
         self._publisher = self._newest = self._node = None
 
-    def publish(self, *, stamp_ns=None, sequence=None, body_velocity_m_s=None, **readings):
+    def publish(self, *, stamp_ns=None, sequence=None, body_velocity_m_s=None, on_ground=False, **readings):
         """Sends one sample: sensor readings, and commands that are held until the next ones. Returns its sequence.
 
         `stamp_ns` is when the readings were taken, on the clock of `time.monotonic_ns()`, which is also the default;
         `sequence` counts by itself, a gap means loss. Never blocks: where the service is slow or away, the oldest
         sample is dropped.
+
+        With `on_ground`, the vehicle says that it stands on the ground: nothing is learned until a sample without it.
 
         Raises ObserverError where an argument has another shape, or none is given.
 
@@ -92,6 +94,7 @@ class Vehicle:
         sample = Measurement(
             sequence=self._sequence if sequence is None else sequence,
             stamp_ns=time.monotonic_ns() if stamp_ns is None else stamp_ns,
+            flags=payload.flags.ON_GROUND if on_ground else 0,
         )
         if body_velocity_m_s is not None:
             if readings.get("velocity_m_s") is not None:

@@ -57,7 +57,7 @@ def test_messages_read_like_numbers_and_lists():
 def test_status_rejections_and_replies_in_words():
     estimate = Estimate(status=status_bits.TRACKING | status_bits.FROZEN)
     assert estimate.words() == ["tracking", "frozen"]
-    assert len(Estimate(status=2**64 - 1).words()) == 17
+    assert len(Estimate(status=2**64 - 1).words()) == 22
     status = Status()
     status.counters.samples_rejected[4] = 2
     assert status.rejected() == {"older stamp": 2}
@@ -68,6 +68,14 @@ def test_status_rejections_and_replies_in_words():
     assert reply.text().startswith("savedX")
     reply.message[0] = 0xFF
     assert reply.text() == ""
+
+
+def test_a_deviation_may_be_infinite_but_not_nan():
+    estimate = Estimate(velocity_std_m_s=(float("inf"),) * 3)
+    assert estimate.is_finite()
+    estimate.attitude_std_rad[1] = float("nan")
+    assert not estimate.is_finite()
+    assert not Estimate(velocity_m_s=(float("inf"),) * 3).is_finite()
 
 
 @pytest.mark.parametrize("name", ["velocity", "velocity_ms"])

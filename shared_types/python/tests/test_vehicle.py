@@ -109,13 +109,14 @@ def test_every_argument_arrives_in_its_field(service):
     }
     with service.vehicle() as vehicle:
         measurements = vehicle.measurements(timeout_s=PATIENCE_S)
-        vehicle.publish(body_velocity_m_s=[1.0, 2.0, 3.0], stamp_ns=123, sequence=41, **readings)
+        vehicle.publish(body_velocity_m_s=[1.0, 2.0, 3.0], stamp_ns=123, sequence=41, on_ground=True, **readings)
         assert vehicle.publish(velocity_m_s=[1.0, 2.0, 3.0]) == 42
         assert next(measurements) == Measurement(
             sequence=41,
             stamp_ns=123,
             valid=payload.valid.ALL,
             velocity_frame=payload.frame.BODY,
+            flags=payload.flags.ON_GROUND,
             velocity_m_s=(1.0, 2.0, 3.0),
             angular_velocity_rad_s=(0.1, 0.2, 0.3),
             position_m=(4.0, 5.0, 6.0),
@@ -127,6 +128,7 @@ def test_every_argument_arrives_in_its_field(service):
         )
         second = next(measurements)
         assert (second.sequence, second.valid, second.velocity_frame) == (42, payload.valid.VELOCITY, payload.frame.INERTIAL)
+        assert second.flags == 0
         assert second.stamp_ns <= time.monotonic_ns()
 
 
@@ -165,13 +167,13 @@ def test_the_start_order_does_not_matter(service_to_start):
 
 def test_another_version_of_a_payload_is_refused(service, monkeypatch):
     class OlderName(Estimate):
-        TYPE_NAME = "observer.Estimate.v2"
+        TYPE_NAME = "observer.Estimate.v3"
 
     class OtherSize(Estimate):
         _fields_ = [("more", payload.Channel)]
 
     class OlderReply(payload.Reply):
-        TYPE_NAME = "observer.Reply.v1"
+        TYPE_NAME = "observer.Reply.v4"
 
     with service.vehicle() as vehicle:
         for other in (OlderName, OtherSize, Status):

@@ -7,13 +7,14 @@ use serde::{Deserialize, Serialize};
 constants! {
     /// Bits of [`Estimate::status`].
     pub mod status_bits: u64 with words {
-        /// Every configured channel follows measurements that it holds now.
+        /// Every configured channel follows measurements that it holds now, and none is reacquiring.
         TRACKING = 1 << 0, "tracking";
         /// The translation channel predicts without a velocity measurement.
         COASTING_TRANSLATION = 1 << 1, "coasting-translation";
         /// The rotation channel predicts without an angular-velocity measurement.
         COASTING_ROTATION = 1 << 2, "coasting-rotation";
-        /// No sample for longer than `stale_after_s`, or none yet: do not fly on this.
+        /// A configured channel is stale, or no sample came for longer than `stale_after_s`: do not fly on this. The bits
+        /// `STALE_…` say which channel.
         STALE = 1 << 3, "stale";
         /// A channel's dead zone is open: the unknown force is being learned now.
         ADAPTING = 1 << 4, "adapting";
@@ -41,6 +42,16 @@ constants! {
         HELD_BACK = 1 << 15, "held-back";
         /// A sensor repeats one value to the bit.
         STUCK = 1 << 16, "stuck-sensor";
+        /// After an outage, a channel's innovations are not back within the gate: its state is uncertain.
+        REACQUIRING = 1 << 17, "reacquiring";
+        /// The newest velocity measurement is older than `stale_after_s`, or there was none yet.
+        STALE_TRANSLATION = 1 << 18, "stale-translation";
+        /// The newest angular-velocity measurement is older than `stale_after_s`, or there was none yet.
+        STALE_ROTATION = 1 << 19, "stale-rotation";
+        /// The newest output of the general linear plant is older than `stale_after_s`, or there was none yet.
+        STALE_LINEAR = 1 << 20, "stale-linear";
+        /// The newest sample says that the vehicle stands on the ground: nothing is learned.
+        ON_GROUND = 1 << 21, "on-ground";
         /// Any channel coasts.
         COASTING = COASTING_TRANSLATION | COASTING_ROTATION | COASTING_LINEAR;
     }
@@ -52,7 +63,7 @@ payload! {
     /// Units are those of the channel's output: m/s for translation, rad/s for rotation, of the configuration for a
     /// general linear plant; forces N or N·m.
     #[derive(Default, Serialize, Deserialize)]
-    pub struct Channel: "observer.Channel.v2" {
+    pub struct Channel: "observer.Channel.v3" {
         /// ‖ỹ‖ = ‖y − Cx̂‖ at the held sample; 0 while coasting.
         output_error: f64,
         /// σ, the dead zone's output now: 0 is closed, nothing is learned.
@@ -69,13 +80,16 @@ payload! {
         error_bound: f64,
         /// Time since the stamp of the newest output measurement (s); +∞ before the first.
         output_age_s: f64,
+        /// Normalized innovation squared: e²/S of the newest output, mean over its axes. 1 in the mean where the noises are
+        /// right; 0 where the law has no S, and before the first output.
+        nis: f64,
     }
 }
 
 payload! {
     /// The state estimate at `stamp_ns`, and how far it can be trusted.
     #[derive(Default, Serialize, Deserialize)]
-    pub struct Estimate: "observer.Estimate.v3" {
+    pub struct Estimate: "observer.Estimate.v4" {
         /// Counts the service's publications from 0.
         sequence: u64,
         /// Sequence of the newest sample that went into this estimate.
@@ -102,6 +116,19 @@ payload! {
         matched_force_n: [f64; 3] { components: XYZ },
         /// f̂: the learned unknown torque, body axes (N·m).
         matched_torque_n_m: [f64; 3] { components: XYZ },
+        /// 1 σ of `position_m`, inertial axes (m); +∞ where it is unknown, as each of the next five: with
+        /// `law = "gradient"`, and before the first output.
+        position_std_m: [f64; 3] { components: XYZ, may_be_infinite: true },
+        /// 1 σ of `velocity_m_s`, inertial axes (m/s).
+        velocity_std_m_s: [f64; 3] { components: XYZ, may_be_infinite: true },
+        /// 1 σ of the rotation vector of the attitude's error, body axes (rad).
+        attitude_std_rad: [f64; 3] { components: XYZ, may_be_infinite: true },
+        /// 1 σ of `angular_velocity_rad_s`, body axes (rad/s).
+        angular_velocity_std_rad_s: [f64; 3] { components: XYZ, may_be_infinite: true },
+        /// 1 σ of `matched_force_n`, inertial axes (N).
+        matched_force_std_n: [f64; 3] { components: XYZ, may_be_infinite: true },
+        /// 1 σ of `matched_torque_n_m`, body axes (N·m).
+        matched_torque_std_n_m: [f64; 3] { components: XYZ, may_be_infinite: true },
         /// Trust in position, velocity and force.
         translation: Channel,
         /// Trust in attitude, angular velocity and torque.
@@ -116,9 +143,14 @@ payload! {
 }
 
 impl Estimate {
-    /// Whether every component of state and forces is a finite number.
+    /// Whether every component of state and forces is a finite number, and every deviation a number or +∞.
     pub fn is_finite(&self) -> bool {
         numbers_are_finite(self, 0)
+    }
+
+    /// Trust in each channel: translation, rotation, linear plant.
+    pub fn channels(&self) -> [&Channel; 3] {
+        [&self.translation, &self.rotation, &self.linear]
     }
 
     /// Whether a general linear plant is estimated; otherwise its fields are zero throughout.
@@ -134,8 +166,18 @@ mod tests {
 
     #[test]
     fn status_words_name_every_bit_once() {
-        assert_eq!(status_bits::words(u64::MAX).len(), 17);
+        assert_eq!(status_bits::words(u64::MAX).len(), 22);
         let coasting = ["coasting-translation", "coasting-rotation", "coasting-linear"];
         assert_eq!(status_bits::words(status_bits::COASTING), coasting);
+    }
+
+    #[test]
+    fn a_deviation_may_be_unknown_but_not_nan() {
+        let unknown = Estimate { velocity_std_m_s: [f64::INFINITY; 3], ..Estimate::default() };
+        assert!(unknown.is_finite());
+        for deviation in [f64::NAN, f64::NEG_INFINITY] {
+            assert!(!Estimate { attitude_std_rad: [0.1, deviation, 0.1], ..unknown }.is_finite());
+        }
+        assert!(!Estimate { position_m: [f64::INFINITY; 3], ..unknown }.is_finite());
     }
 }

@@ -19,6 +19,17 @@ constants! {
     }
 }
 
+constants! {
+    /// Bits of [`Measurement::flags`]. A sample with any other bit is malformed, as with any other bit of `valid`.
+    pub mod flags: u32 {
+        /// The vehicle stands on the ground, by its own landed detector. Nothing is learned while the newest sample has
+        /// this bit: the ground's reaction is no force of the motion.
+        ON_GROUND = 1 << 0;
+        /// Every bit that has a meaning.
+        ALL = ON_GROUND;
+    }
+}
+
 const fn measured(key: &'static str, unit: &'static str) -> Option<Quantity> {
     Some(Quantity { key, unit, is_measured: true })
 }
@@ -36,7 +47,7 @@ payload! {
 
     /// One set of sensor readings and commands, all taken at `stamp_ns`.
     #[derive(Default, Serialize, Deserialize)]
-    pub struct Measurement: "observer.Measurement.v2" {
+    pub struct Measurement: "observer.Measurement.v3" {
         /// Counts from 0, one up per sample; a gap counts as loss.
         sequence: u64,
         /// CLOCK_MONOTONIC of the source when the readings were taken (ns).
@@ -45,6 +56,10 @@ payload! {
         valid: u32,
         /// Frame of `velocity_m_s`: [`frame::INERTIAL`] or [`frame::BODY`].
         velocity_frame: u32,
+        /// What the vehicle says of itself: bits of [`flags`].
+        flags: u32,
+        /// Zero.
+        reserved: u32,
         /// Velocity of the center of mass, in the frame that `velocity_frame` names (m/s).
         velocity_m_s: [f64; 3] where VELOCITY = 0 {
             components: XYZ, quantity: measured("velocity", "m/s"), limit: Limit::Norm(Bound::Speed),
@@ -142,6 +157,16 @@ impl Measurement {
     pub fn with_input(mut self, input: &[f64]) -> Self {
         self.input[..input.len()].copy_from_slice(input);
         self.and(valid::INPUT)
+    }
+
+    /// Says that the vehicle stands on the ground.
+    pub fn with_on_ground(self) -> Self {
+        Self { flags: self.flags | flags::ON_GROUND, ..self }
+    }
+
+    /// Whether the vehicle says that it stands on the ground.
+    pub fn is_on_ground(&self) -> bool {
+        self.flags & flags::ON_GROUND != 0
     }
 
     /// The fields that carry what is measured or commanded, each with its place in the table.

@@ -1,7 +1,7 @@
 //! The operator's messages: counters and status of the service, commands, and the replies that carry the status.
 
 use crate::payload::rejection::{REASONS, Rejection};
-use crate::table::{Message, PER_CHANNEL, Payload, SIZE_PER_CHANNEL, Value};
+use crate::table::{AGE_PER_CHANNEL, Message, PER_CHANNEL, Payload, SIZE_PER_CHANNEL, Value};
 use iceoryx2::prelude::ZeroCopySend;
 use serde::{Deserialize, Serialize};
 
@@ -128,7 +128,7 @@ payload! {
 payload! {
     /// What the service did since it started.
     #[derive(Default, Serialize, Deserialize)]
-    pub struct Status: "observer.Status.v4" {
+    pub struct Status: "observer.Status.v5" {
         /// Counts publications from 0.
         sequence: u64,
         /// CLOCK_MONOTONIC of this status (ns).
@@ -147,6 +147,11 @@ payload! {
         newest_sequence: u64,
         /// Age of the newest accepted sample (ns); the largest number before the first.
         newest_sample_age_ns: u64 { unknown: Some(u64::MAX) },
+        /// Age of the newest output of each channel (ns): of translation, rotation, linear plant; the largest number
+        /// before the first, and where there is no such channel.
+        output_age_ns: [u64; 3] { components: AGE_PER_CHANNEL, unknown: Some(u64::MAX) },
+        /// Normalized innovation squared of the newest output of each channel, as `nis` of an estimate's channels.
+        nis: [f64; 3] { components: SIZE_PER_CHANNEL },
         /// Process id of the source in use; 0 if none or unknown.
         source_pid: u64,
         /// Process id of another source that publishes too; 0 if none.
@@ -223,7 +228,7 @@ payload! {
 
 payload! {
     /// The service's answer, with its status after the command.
-    pub struct Reply: "observer.Reply.v4" {
+    pub struct Reply: "observer.Reply.v5" {
         /// One of [`outcome`].
         outcome: u32,
         /// Bytes of `message` in use.

@@ -10,8 +10,8 @@ use crate::view::keys::draw_bottom;
 use crate::view::notes::Now;
 use crate::view::pictures::{HISTOGRAM_COLUMNS, draw_histogram, draw_trace, range};
 use crate::view::sections::{
-    LABEL, TRUST_COLUMNS, heading, latency_lines, note_lines, sample_lines, service_lines, state_lines,
-    trust_lines, truth_text, vectors_of, verdict_line,
+    LABEL, TRUST_COLUMNS, deviation_text, has_deviations, heading, latency_lines, note_lines, sample_lines,
+    service_lines, state_lines, trust_lines, truth_text, vectors_of, verdict_line,
 };
 use crate::view::state::View;
 use crate::view::theme::Theme;
@@ -31,6 +31,10 @@ const WITH_HISTOGRAM: u16 = 180;
 const LATENCY_COLUMNS: [u16; 2] = [43, 72];
 /// Columns of a number and the name of its axis.
 const VALUE: u16 = 11;
+/// Columns of a deviation, where one is known.
+const DEVIATION: u16 = 7;
+/// Columns that a trace has at least.
+const LEAST_TRACE: u16 = 4;
 
 /// Draws everything.
 pub fn draw(frame: &mut Frame<'_>, model: &Model, view: &View, now: Now) {
@@ -81,7 +85,7 @@ fn draw_small(frame: &mut Frame<'_>, model: &Model, view: &View, now: Now) {
     let lines = [heading(model, theme, width), verdict_line(model, now, theme, width)]
         .into_iter()
         .chain(notes)
-        .chain(state_lines(model, &all))
+        .chain(state_lines(model, &all, width))
         .chain(trust_lines(model, &all, theme, width))
         .chain(sample_lines(model, theme, width, 3));
     for line in lines {
@@ -101,6 +105,8 @@ struct Plan {
     notes: usize,
     samples: usize,
     trace_height: u16,
+    /// Columns of a number, with its deviation where one is known.
+    value_columns: u16,
     has_gaps: bool,
 }
 
@@ -140,7 +146,8 @@ impl Plan {
             trace_height += 1;
         }
         notes += (0..2).map(|_| take(1)).sum::<usize>();
-        Self { parts, has_pages, notes, samples, trace_height, has_gaps }
+        let value_columns = if has_deviations(model, &parts) { VALUE + DEVIATION } else { VALUE };
+        Self { parts, has_pages, notes, samples, trace_height, value_columns, has_gaps }
     }
 }
 
@@ -181,7 +188,7 @@ fn columns(rect: Rect, from: u16, width: u16) -> Rect {
 }
 
 fn state_title(model: &Model, plan: &Plan, theme: Theme, width: usize) -> Line<'static> {
-    let trace_columns = usize::from(trace_columns(width as u16));
+    let trace_columns = usize::from(trace_columns(plan.value_columns, width as u16));
     let seconds = trace_columns as f64 * BUCKET_NS as f64 / 1e9;
     let right = match truth_text(model, width.saturating_sub(LABEL)) {
         Some(truth) => truth,
@@ -197,8 +204,10 @@ fn axis_columns(width: u16) -> u16 {
     width.saturating_sub(LABEL as u16) / 3
 }
 
-fn trace_columns(width: u16) -> u16 {
-    axis_columns(width).saturating_sub(VALUE + 2)
+/// Columns of a trace; none where only a stub would fit.
+fn trace_columns(value_columns: u16, width: u16) -> u16 {
+    let columns = axis_columns(width).saturating_sub(value_columns + 2);
+    if columns < LEAST_TRACE { 0 } else { columns }
 }
 
 fn draw_vector(
@@ -210,6 +219,7 @@ fn draw_vector(
     old: Style,
     now: Now,
 ) {
+    let value_columns = plan.value_columns;
     for (row, axes) in vector.axes[..vector.n_shown()].chunks(3).enumerate() {
         let Some(rect) = rows.next(plan.trace_height) else { return };
         if row == 0 {
@@ -220,14 +230,15 @@ fn draw_vector(
             let place = columns(
                 rect,
                 LABEL as u16 + k as u16 * axis_columns(rect.width),
-                axis_columns(rect.width).max(VALUE),
+                axis_columns(rect.width).max(value_columns),
             );
             let value = format!("{:>9}", number(vector.now[component], vector.decimals()));
             let mut lines = vec![Line::from(vec![
                 Span::styled(format!("{axis:<2}"), theme.faint()),
                 Span::styled(value, old.add_modifier(Modifier::BOLD)),
+                Span::styled(deviation_text(vector, component), old),
             ])];
-            let trace = columns(place, VALUE + 1, trace_columns(rect.width));
+            let trace = columns(place, value_columns + 1, trace_columns(value_columns, rect.width));
             let values = vector.histories[component].last(usize::from(trace.width), now.monotonic_ns);
             if let Some((low, high)) = range(&values, vector.least_span) {
                 if plan.trace_height >= 3 {
@@ -241,7 +252,7 @@ fn draw_vector(
                 }
                 draw_trace(frame, trace, &values, (low, high), theme);
             }
-            frame.render_widget(Paragraph::new(lines), columns(place, 0, VALUE));
+            frame.render_widget(Paragraph::new(lines), columns(place, 0, value_columns));
         }
     }
 }

@@ -31,6 +31,19 @@ pub fn magnitude(value: f64) -> String {
     }
 }
 
+/// A deviation, in at most five characters, with two digits that count.
+pub fn deviation(value: f64) -> String {
+    match value {
+        _ if value < 1e-99 => "0".into(),
+        _ if value < 9.5e-4 => format!("{value:.0e}"),
+        _ if value < 0.095 => format!("{value:.3}"),
+        _ if value < 0.95 => format!("{value:.2}"),
+        _ if value < 9.5 => format!("{value:.1}"),
+        _ if value < 99_999.5 => format!("{value:.0}"),
+        _ => format!("{value:.0e}"),
+    }
+}
+
 /// A length of time.
 pub fn duration(seconds: f64) -> String {
     match seconds {
@@ -114,6 +127,7 @@ mod tests {
                     assert!((2..=9).contains(&text.chars().count()), "{text}");
                 }
                 assert!(magnitude(value).chars().count() <= 7, "{}", magnitude(value));
+                assert!(deviation(value).chars().count() <= 5, "{}", deviation(value));
             }
         }
         for (value, decimals, text) in [

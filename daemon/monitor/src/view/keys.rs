@@ -49,18 +49,19 @@ const HELP: &str = "\
  error      size of the output error: measured minus estimated
  zone       width of the dead zone: nothing is learned from a smaller error
  bound      what it settles below, if daemon check says so; no covariance
+ NIS        error² over its variance: 1 in the mean; or bound, below 96 columns
  σ          the dead zone's output; 0: within the noise, nothing learned
  uncovered  0 %: at a center; 100 %: no center knows this motion
  norm       of the learned function in its native space
- solver     its estimated error in the learned force; below 88 columns in
-            the place of norm, where the solver is not exact
+ solver     its error in the learned force; below 96 columns instead of norm
  age        of the newest measurement of this channel
 
  learned    the unknown force, torque or input, as found so far
  learns: the error is beyond the zone     within: it is not
- predicts: no measurement         frozen: by an operator
+ predicts: no measurement         stale: for too long
+ frozen: by an operator           grounded: the vehicle is on the ground
  Pictures: a second per column, newest at the right; a blank is a gap.
- ↑ ↓ top and bottom of a picture  r p y  roll, pitch, yaw
+ ↑ ↓ their top and bottom    ± 1 σ    r p y  roll, pitch, yaw
  \"off the truth\": mean over 2 s, where a simulator tells the truth.";
 
 fn draw_help(frame: &mut Frame<'_>, theme: Theme) {

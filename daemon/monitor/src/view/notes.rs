@@ -4,7 +4,7 @@
 
 use crate::model::{Model, Presence};
 use crate::view::format::{duration_ns, utc};
-use crate::view::status_words::{Level, explained};
+use crate::view::status_words::{Level, explained, silent_part};
 use shared_types::Status;
 use shared_types::payload::{real_time, restored, status_bits as bits};
 
@@ -54,19 +54,24 @@ pub fn verdict(model: &Model, now: Now) -> (Level, String) {
     let has = |bit: u64| estimate.status & bit != 0;
     let learning = match () {
         () if has(bits::FROZEN) => "learning is frozen",
+        () if has(bits::ON_GROUND) => "on the ground, nothing is learned",
         () if model.recent_bits() & bits::ADAPTING != 0 => "learning",
         () => "nothing to learn now",
     };
+    let silent = silent_part(model).map_or("sample", |part| part.output());
     let why_not = [
-        (bits::INVALID, "the loop is late"),
-        (bits::WAITING, "no sample yet"),
-        (bits::STALE, "no sample comes"),
+        (bits::INVALID, "the loop is late".to_owned()),
+        (bits::WAITING, "no sample yet".to_owned()),
+        (bits::STALE, format!("no {silent} comes")),
     ];
     if let Some((_, why)) = why_not.into_iter().find(|&(bit, _)| has(bit)) {
         return (Level::Alarm, format!("DO NOT FLY ON THIS: {why}"));
     }
     if has(bits::COASTING | bits::PREDICT_ONLY) {
         return (Level::Caution, "COASTING: predicting with what was learned".into());
+    }
+    if has(bits::REACQUIRING) {
+        return (Level::Caution, "REACQUIRING after an outage: the state is uncertain".into());
     }
     match notes(model, now).iter().map(|note| note.level).max() {
         Some(Level::Alarm | Level::Caution) => {
@@ -200,6 +205,8 @@ mod tests {
         assert_eq!(level(bits::TRACKING | bits::FROZEN), Level::Good);
         assert_eq!(level(bits::TRACKING | bits::CLAMPED), Level::Caution);
         assert_eq!(level(bits::COASTING_ROTATION), Level::Caution);
+        assert_eq!(level(bits::REACQUIRING), Level::Caution);
+        assert_eq!(level(bits::TRACKING | bits::ON_GROUND), Level::Good);
         for alarm in [bits::STALE, bits::WAITING, bits::INVALID] {
             assert_eq!(level(bits::TRACKING | alarm), Level::Alarm);
         }

@@ -1,7 +1,9 @@
 //! The parts of the view as lines of text. [`draw`](crate::view::draw) places them.
 
 use crate::model::{Model, Part, Presence, Vector};
-use crate::view::format::{cut, duration, duration_ns, magnitude, micros, number, running, wrapped};
+use crate::view::format::{
+    cut, deviation, duration, duration_ns, magnitude, micros, number, running, wrapped,
+};
 use crate::view::notes::{Note, Now, notes, verdict};
 use crate::view::status_words::Level;
 use crate::view::theme::Theme;
@@ -11,7 +13,7 @@ use shared_types::payload::{LatencySummary, real_time, restored, status_bits};
 /// Columns of a section's labels.
 pub const LABEL: usize = 14;
 /// Columns of the whole table of trust.
-pub const TRUST_COLUMNS: usize = 88;
+pub const TRUST_COLUMNS: usize = 96;
 
 /// Left and right text in one line, the right one only where there is room.
 pub fn both_sides(left: &str, right: &str, width: usize) -> String {
@@ -121,37 +123,59 @@ pub fn vectors_of<'a>(model: &'a Model, parts: &[Part]) -> Vec<&'a Vector> {
     model.vectors.iter().filter(|vector| parts.contains(&vector.part)).collect()
 }
 
-/// State and learned force in numbers alone.
-pub fn state_lines(model: &Model, parts: &[Part]) -> Vec<Line<'static>> {
+/// Whether a deviation is known of what these parts show.
+pub fn has_deviations(model: &Model, parts: &[Part]) -> bool {
+    vectors_of(model, parts).iter().any(|vector| (0..3).any(|k| vector.deviation(k).is_some()))
+}
+
+/// A component's deviation behind its value; nothing where it is unknown.
+pub fn deviation_text(vector: &Vector, component: usize) -> String {
+    vector.deviation(component).map_or(String::new(), |value| format!(" ±{}", deviation(value)))
+}
+
+/// Columns of the state in numbers with their deviations.
+const STATE_COLUMNS: usize = 75;
+
+/// State and learned force in numbers alone, with their deviations where they are known and there is room.
+pub fn state_lines(model: &Model, parts: &[Part], width: usize) -> Vec<Line<'static>> {
+    let with_deviations = width >= STATE_COLUMNS && has_deviations(model, parts);
     let mut lines = Vec::new();
     for vector in vectors_of(model, parts) {
         for (row, axes) in vector.axes[..vector.n_shown()].chunks(3).enumerate() {
             let mut text = format!(" {:LABEL$}", if row == 0 { vector.name } else { "" });
             for (k, axis) in axes.iter().enumerate() {
-                text += &format!("{axis:>3} {:>9}", number(vector.now[3 * row + k], vector.decimals()));
+                let component = 3 * row + k;
+                text += &format!("{axis:>3} {:>9}", number(vector.now[component], vector.decimals()));
+                if with_deviations {
+                    text += &format!("{:<7}", deviation_text(vector, component));
+                }
             }
-            lines.push(Line::raw(text));
+            lines.push(Line::raw(text.trim_end().to_owned()));
         }
     }
     lines
 }
 
 /// How far each channel can be trusted: a heading, and a line each. A narrow view shows either the norm or the solver's
-/// error: the latter if a solver is not exact.
+/// error: the latter if a solver is not exact; and either the bound or the NIS: the latter if a law has one.
 pub fn trust_lines(model: &Model, parts: &[Part], theme: Theme, width: usize) -> Vec<Line<'static>> {
     let units: Vec<_> = parts.iter().filter_map(|part| part.unit()).collect();
-    let mut channels =
-        model.estimate.iter().flat_map(|estimate| parts.iter().map(|part| part.channel(estimate)));
-    let is_exact = channels.all(|channel| channel.solver_error == 0.0);
+    let channels =
+        || model.estimate.iter().flat_map(|estimate| parts.iter().map(|part| part.channel(estimate)));
+    let is_exact = channels().all(|channel| channel.solver_error == 0.0);
+    let has_nis = channels().any(|channel| channel.nis != 0.0);
     let is_wide = width >= TRUST_COLUMNS;
     let with_norm = |column: String| if is_wide || is_exact { column } else { String::new() };
     let with_solver = |column: String| if is_wide || !is_exact { column } else { String::new() };
+    let with_bound = |column: String| if is_wide || !has_nis { column } else { String::new() };
+    let with_nis = |column: String| if is_wide || has_nis { column } else { String::new() };
     let heading = format!(
-        "{:<w$}{:>8}{:>8}{:>8}{:>8}{:>10}{}{}{:>7}",
+        "{:<w$}{:>8}{:>8}{}{}{:>8}{:>10}{}{}{:>7}",
         format!(" TRUST {}", units.join(", ")),
         "error",
         "zone",
-        "bound",
+        with_bound(format!("{:>8}", "bound")),
+        with_nis(format!("{:>8}", "NIS")),
         "σ",
         "uncovered",
         with_norm(format!("{:>8}", "norm")),
@@ -165,13 +189,16 @@ pub fn trust_lines(model: &Model, parts: &[Part], theme: Theme, width: usize) ->
         let channel = part.channel(estimate);
         let coasts = estimate.status & part.coasting_bit() != 0;
         let (does, level) = match () {
+            () if estimate.status & part.stale_bit() != 0 => ("stale", Level::Alarm),
             () if coasts => ("predicts", Level::Caution),
             () if estimate.status & status_bits::FROZEN != 0 => ("frozen", Level::Info),
+            () if estimate.status & status_bits::ON_GROUND != 0 => ("grounded", Level::Info),
             () if channel.activation > 0.0 => ("learns", Level::Good),
             () => ("within", Level::Good),
         };
         let zone =
             model.status.map_or("–".into(), |status| magnitude(status.dead_zone_width[part as usize]));
+        let nis = if channel.nis == 0.0 { "–".into() } else { magnitude(channel.nis) };
         // The error of a channel that coasts is unknown.
         let known = |text: String| if coasts { "–".into() } else { text };
         let solver =
@@ -180,9 +207,10 @@ pub fn trust_lines(model: &Model, parts: &[Part], theme: Theme, width: usize) ->
             Span::raw(format!(" {:<w$}", part.name(), w = LABEL - 1)),
             Span::styled(format!("{does:<9}"), theme.word(level)),
             Span::raw(format!(
-                "{:>8}{zone:>8}{:>8}{:>8}{:>10}{}{}{:>7}",
+                "{:>8}{zone:>8}{}{}{:>8}{:>10}{}{}{:>7}",
                 known(magnitude(channel.output_error)),
-                known(magnitude(channel.error_bound)),
+                with_bound(format!("{:>8}", known(magnitude(channel.error_bound)))),
+                with_nis(format!("{nis:>8}")),
                 magnitude(channel.activation),
                 known(format!("{:.0} %", 100.0 * channel.power_function)),
                 with_norm(format!("{:>8}", magnitude(channel.native_norm))),
@@ -376,7 +404,7 @@ pub fn text(model: &Model, now: Now, width: usize) -> String {
     lines.extend(note_lines(model, now, theme, width, 40));
     lines.push(Line::raw(""));
     lines.push(Line::raw(format!(" STATE  {}", truth_text(model, width).unwrap_or_default())));
-    lines.extend(state_lines(model, &parts));
+    lines.extend(state_lines(model, &parts, width));
     for section in [
         trust_lines(model, &parts, theme, width),
         sample_lines(model, theme, width, 9),

@@ -49,7 +49,7 @@ use Level::{Alarm, Caution, Info};
 use Shown::{Lately, Now};
 
 /// All words but those of good health (`tracking`, `adapting`) and `rejected-sample`, whose reasons are counted.
-const WORDS: [Word; 14] = [
+const WORDS: [Word; 19] = [
     word(bits::INVALID, Alarm, Now, 0, |_| {
         "the loop has been late for too long; lower rate_hz or use fewer centers; see daemon doctor".into()
     }),
@@ -61,6 +61,9 @@ const WORDS: [Word; 14] = [
         let age = model.status.map_or("some time".into(), |status| duration_ns(status.newest_sample_age_ns));
         format!("no good sample for {age}; does the vehicle's process run?")
     }),
+    word(bits::STALE_TRANSLATION, Alarm, Now, bits::WAITING, |model| stale(model, Part::Translation)),
+    word(bits::STALE_ROTATION, Alarm, Now, bits::WAITING, |model| stale(model, Part::Rotation)),
+    word(bits::STALE_LINEAR, Alarm, Now, bits::WAITING, |model| stale(model, Part::Linear)),
     word(bits::PREDICT_ONLY, Caution, Now, 0, |_| {
         "the loop is late and uses no samples; lower rate_hz or use fewer centers".into()
     }),
@@ -70,9 +73,19 @@ const WORDS: [Word; 14] = [
             missed => format!("{missed} deadlines missed in 10 s; see daemon doctor"),
         }
     }),
-    word(bits::COASTING_TRANSLATION, Caution, Now, bits::WAITING, |model| coasts(model, Part::Translation)),
-    word(bits::COASTING_ROTATION, Caution, Now, bits::WAITING, |model| coasts(model, Part::Rotation)),
-    word(bits::COASTING_LINEAR, Caution, Now, bits::WAITING, |model| coasts(model, Part::Linear)),
+    word(bits::COASTING_TRANSLATION, Caution, Now, bits::WAITING | bits::STALE_TRANSLATION, |model| {
+        coasts(model, Part::Translation)
+    }),
+    word(bits::COASTING_ROTATION, Caution, Now, bits::WAITING | bits::STALE_ROTATION, |model| {
+        coasts(model, Part::Rotation)
+    }),
+    word(bits::COASTING_LINEAR, Caution, Now, bits::WAITING | bits::STALE_LINEAR, |model| {
+        coasts(model, Part::Linear)
+    }),
+    word(bits::REACQUIRING, Caution, Now, bits::WAITING, |_| {
+        "measurements are back after an outage, but not near the prediction yet: the state is uncertain"
+            .into()
+    }),
     word(bits::DIVERGED, Caution, Lately, 0, |_| {
         "the state left its limits and was put back to the last good one; look at the sensors and input.max_…"
             .into()
@@ -94,6 +107,9 @@ const WORDS: [Word; 14] = [
     word(bits::FROZEN, Info, Now, 0, |_| {
         "an operator has frozen learning; what was learned is used; f: learn again".into()
     }),
+    word(bits::ON_GROUND, Info, Now, 0, |_| {
+        "the vehicle says that it stands on the ground: nothing is learned until it says otherwise".into()
+    }),
 ];
 
 /// The status in words, in the order of the table: how bad each is, the word, what it means and what to do.
@@ -102,17 +118,42 @@ pub fn explained(model: &Model) -> impl Iterator<Item = (Level, &'static str, St
     let lately = model.recent_bits();
     WORDS.iter().filter_map(move |word| {
         let status = if word.shown == Now { now } else { lately };
-        (status & word.bit != 0 && now & word.unless == 0)
+        (status & word.bit != 0 && now & word.unless == 0 && !says_nothing_new(model, word.bit))
             .then(|| (word.level, bits::words(word.bit)[0], (word.text)(model)))
     })
 }
 
 fn coasts(model: &Model, part: Part) -> String {
+    format!("{}: predicting", silence(model, part))
+}
+
+fn stale(model: &Model, part: Part) -> String {
+    format!("{}; does its sensor work?", silence(model, part))
+}
+
+/// For how long a part was not measured.
+fn silence(model: &Model, part: Part) -> String {
     let age_s = model.estimate.map_or(f64::INFINITY, |estimate| part.channel(&estimate).output_age_s);
     match age_s.is_finite() {
-        true => format!("no {} for {}: predicting", part.output(), duration(age_s)),
-        false => format!("no {} was ever measured: predicting", part.output()),
+        true => format!("no {} for {}", part.output(), duration(age_s)),
+        false => format!("no {} was ever measured", part.output()),
     }
+}
+
+/// The first part that is stale while another one is measured.
+pub fn silent_part(model: &Model) -> Option<Part> {
+    let status = model.estimate?.status;
+    let is_stale = |part: &Part| status & part.stale_bit() != 0;
+    let parts = model.parts();
+    parts.iter().copied().find(is_stale).filter(|_| !parts.iter().all(is_stale))
+}
+
+/// Where all parts are silent, `stale` says it; where some are, their own words do.
+fn says_nothing_new(model: &Model, bit: u64) -> bool {
+    let is_stale = model.estimate.is_some_and(|estimate| estimate.status & bits::STALE != 0);
+    let of_parts = Part::ALL.map(Part::stale_bit);
+    let is_of_one = silent_part(model).is_some();
+    is_stale && if bit == bits::STALE { is_of_one } else { of_parts.contains(&bit) && !is_of_one }
 }
 
 /// The quantities whose counts grew.
@@ -130,7 +171,7 @@ mod tests {
 
     #[test]
     fn every_status_bit_is_explained_by_its_own_row() {
-        for bit in (0..17).map(|k| 1 << k) {
+        for bit in (0..22).map(|k| 1 << k) {
             let mut model = Model::new("vehicle");
             let mut estimate = Estimate { publish_stamp_ns: 1, status: bit, ..Estimate::default() };
             estimate.translation.output_age_s = 0.8;

@@ -2,7 +2,7 @@
 
 use crate::text::wrapped;
 use shared_types::payload::{CONSTANTS, Measurement, PAYLOADS, Rejection, real_time, status_bits};
-use shared_types::table::{Constants, Field, Kind, Scalar};
+use shared_types::table::{Constants, Field, Kind, Scalar, Table};
 use std::collections::BTreeSet;
 use std::fmt::Write;
 
@@ -46,10 +46,10 @@ pub(crate) fn module() -> String {
         )
         .unwrap();
         writeln!(text, "    TYPE_NAME = \"{}\"", table.type_name).unwrap();
-        text += match table.name {
-            "Estimate" => "    WORDS = STATUS_WORDS\n\n",
-            "Status" => "    WORDS = REJECTION_WORDS\n\n",
-            _ => "\n",
+        text += &match table.name {
+            "Estimate" => format!("    WORDS = STATUS_WORDS\n    MAY_BE_INFINITE = {}\n\n", infinite(table)),
+            "Status" => "    WORDS = REJECTION_WORDS\n\n".into(),
+            _ => "\n".into(),
         };
         for field in table.fields {
             text += &documented(&format!("    {}: {}", field.name, hint(field)), field.doc);
@@ -88,6 +88,13 @@ fn documented(code: &str, doc: &str) -> String {
         true => beside + "\n",
         false => format!("{}\n{code}\n", wrapped(&doc, "    # ").join("\n")),
     }
+}
+
+/// The fields of which +∞ is a value, as a tuple.
+fn infinite(table: &Table) -> String {
+    let fields = table.fields.iter().filter(|field| field.may_be_infinite);
+    let names: String = fields.map(|field| format!("        \"{}\",\n", field.name)).collect();
+    format!("(\n{names}    )")
 }
 
 /// The type of an attribute.

@@ -218,6 +218,8 @@ fn measurement(message: &DynamicMessage) -> Option<Measurement> {
     let mut sample = Measurement::at(unsigned(message, "stamp_ns")?, unsigned(message, "sequence")?);
     let valid = u32::try_from(unsigned(message, "valid")?).ok()?;
     sample.velocity_frame = u32::try_from(unsigned(message, "velocity_frame")?).ok()?;
+    // Recordings of version 2 have none.
+    sample.flags = u32::try_from(unsigned(message, "flags").unwrap_or(0)).ok()?;
     for (place, field, _) in Measurement::quantities().filter(|(_, field, _)| valid & field.valid != 0) {
         let name = field.name.strip_suffix("_wxyz").unwrap_or(field.name);
         let numbers = match field.components.names {
