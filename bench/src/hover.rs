@@ -33,7 +33,7 @@ const AWAY: Vector3<f64> = Vector3::new(1.0, 0.0, 0.0);
 
 /// Arguments of `bench hover`.
 #[derive(Debug, Clone, Args)]
-pub struct HoverArguments {
+pub(crate) struct HoverArguments {
     /// Length of the hover (min).
     #[arg(long, value_name = "MIN", default_value_t = 10, value_parser = clap::value_parser!(u32).range(1..=600))]
     minutes: u32,
@@ -76,7 +76,7 @@ struct Learned {
 ///
 /// # Errors
 /// A plot that cannot be written.
-pub fn run(arguments: &HoverArguments) -> anyhow::Result<()> {
+pub(crate) fn run(arguments: &HoverArguments) -> anyhow::Result<()> {
     if let Some(file) = &arguments.plot {
         plot::check_target(file)?;
     }

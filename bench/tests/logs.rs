@@ -84,14 +84,14 @@ fn simulated(directory: &Path) -> PathBuf {
 fn tuning_mends_a_bad_start_on_the_half_that_it_never_saw() {
     let directory = tempfile::tempdir().unwrap();
     let flight = simulated(directory.path());
-    let preset = daemon::config::ConfigFile::preset("rigid-body").unwrap();
+    let preset = daemon::config::ConfigFile::preset("rigid-body-gradient").unwrap();
     let start = directory.path().join("start.toml");
     let text_of = |path: &Path| std::fs::read_to_string(path).unwrap();
     // A tenth of the adaptation rate, and a mass a fifth too high.
     let mut bad = preset.clone();
     let translation = bad.config.translation.as_mut().unwrap();
     translation.mass_kg *= 1.2;
-    translation.adaptation_rate_kg_s2 = daemon::config::SymmetricMatrix::Scalar(5.0);
+    translation.adaptation_rate_kg_s2 = Some(daemon::config::SymmetricMatrix::Scalar(5.0));
     std::fs::write(&start, bad.commented_toml()).unwrap();
 
     let tuned = directory.path().join("tuned.toml");

@@ -84,7 +84,7 @@ fn translation_with_the_saturated_dead_zone() {
 fn translation_with_the_papers_dead_zone_and_adaptation_rate() {
     let found = translation(|t| {
         t.dead_zone = DeadZoneName::Quadratic;
-        t.adaptation_rate_kg_s2 = SymmetricMatrix::Scalar(1.0);
+        t.adaptation_rate_kg_s2 = Some(SymmetricMatrix::Scalar(1.0));
     });
     assert_met(&found, 0.03523, 1.308, 1.965);
 }
@@ -92,8 +92,8 @@ fn translation_with_the_papers_dead_zone_and_adaptation_rate() {
 #[test]
 fn translation_with_a_low_gain() {
     let found = translation(|t| {
-        t.adaptation_rate_kg_s2 = SymmetricMatrix::Scalar(10.0);
-        t.gain_per_s = 2.0;
+        t.adaptation_rate_kg_s2 = Some(SymmetricMatrix::Scalar(10.0));
+        t.gain_per_s = Some(2.0);
     });
     assert_met(&found, 0.01861, 0.2262, 0.1380);
 }

@@ -101,21 +101,22 @@ fn values_of(translation: &TranslationConfig, flight: &Flight) -> anyhow::Result
     };
     let (lowest, highest) = (flight.extreme_velocity(f64::min), flight.extreme_velocity(f64::max));
     let room: [f64; 3] = std::array::from_fn(|axis| 0.1 * (highest[axis] - lowest[axis]));
-    let length_scale_m_s = match &translation.length_scale_m_s {
+    let not_gradient = "found law = \"joint\"; needed: law = \"gradient\", whose numbers are searched";
+    let length_scale_m_s = match translation.length_scale_m_s.as_ref().context(not_gradient)? {
         LengthScaleConfig::Isotropic(scale) => *scale,
         LengthScaleConfig::PerAxis(scales) => scales.iter().sum::<f64>() / scales.len() as f64,
     };
-    let adaptation_rate_kg_s2 = match translation.adaptation_rate_kg_s2 {
+    let adaptation_rate_kg_s2 = match translation.adaptation_rate_kg_s2.context(not_gradient)? {
         SymmetricMatrix::Scalar(rate) => rate,
         SymmetricMatrix::Diagonal(rates) => rates.iter().sum::<f64>() / 3.0,
         SymmetricMatrix::Full(rows) => (rows[0][0] + rows[1][1] + rows[2][2]) / 3.0,
     };
     Ok(Values {
         mass_kg: translation.mass_kg,
-        gain_per_s: translation.gain_per_s,
+        gain_per_s: translation.gain_per_s.context(not_gradient)?,
         adaptation_rate_kg_s2,
         length_scale_m_s,
-        dead_zone_width_m_s: translation.dead_zone_width_m_s,
+        dead_zone_width_m_s: translation.dead_zone_width_m_s.context(not_gradient)?,
         centers_lower_m_s: std::array::from_fn(|axis| lower[axis].min(lowest[axis] - room[axis])),
         centers_upper_m_s: std::array::from_fn(|axis| upper[axis].max(highest[axis] + room[axis])),
         centers_per_axis: per_axis,
@@ -202,23 +203,25 @@ impl<'a> Search<'a> {
     fn config(&self, values: &Values) -> ConfigFile {
         let mut file = self.start.clone();
         let translation = file.config.translation.as_mut().expect("the start has one");
-        let buffer_ratio = translation.dead_zone_buffer_m_s / translation.dead_zone_width_m_s;
+        let factor = values.dead_zone_width_m_s / self.base.dead_zone_width_m_s;
+        translation.dead_zone_buffer_m_s = translation.dead_zone_buffer_m_s.map(|buffer| buffer * factor);
+        translation.dead_zone_width_m_s = Some(values.dead_zone_width_m_s);
         translation.mass_kg = values.mass_kg;
-        translation.gain_per_s = values.gain_per_s;
+        translation.gain_per_s = Some(values.gain_per_s);
         // Axes keep their proportions.
         let factor = values.adaptation_rate_kg_s2 / self.base.adaptation_rate_kg_s2;
         match &mut translation.adaptation_rate_kg_s2 {
-            SymmetricMatrix::Scalar(rate) => *rate *= factor,
-            SymmetricMatrix::Diagonal(rates) => rates.iter_mut().for_each(|rate| *rate *= factor),
-            SymmetricMatrix::Full(rows) => rows.iter_mut().flatten().for_each(|rate| *rate *= factor),
+            Some(SymmetricMatrix::Scalar(rate)) => *rate *= factor,
+            Some(SymmetricMatrix::Diagonal(rates)) => rates.iter_mut().for_each(|rate| *rate *= factor),
+            Some(SymmetricMatrix::Full(rows)) => rows.iter_mut().flatten().for_each(|rate| *rate *= factor),
+            None => {}
         }
         let factor = values.length_scale_m_s / self.base.length_scale_m_s;
         match &mut translation.length_scale_m_s {
-            LengthScaleConfig::Isotropic(scale) => *scale *= factor,
-            LengthScaleConfig::PerAxis(scales) => scales.iter_mut().for_each(|scale| *scale *= factor),
+            Some(LengthScaleConfig::Isotropic(scale)) => *scale *= factor,
+            Some(LengthScaleConfig::PerAxis(scales)) => scales.iter_mut().for_each(|scale| *scale *= factor),
+            None => {}
         }
-        translation.dead_zone_width_m_s = values.dead_zone_width_m_s;
-        translation.dead_zone_buffer_m_s = values.dead_zone_width_m_s * buffer_ratio;
         translation.centers_lower_m_s = Some(values.centers_lower_m_s);
         translation.centers_upper_m_s = Some(values.centers_upper_m_s);
         translation.centers_per_axis = Some(values.centers_per_axis);
