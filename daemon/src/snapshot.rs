@@ -279,10 +279,11 @@ fn cut(value: &str) -> String {
     }
 }
 
-/// The keys on which the meaning of the learned numbers depends, with their values: the channels, the space, and the known
-/// plant. Gains, rates and dead zones may change between two flights.
+/// The keys on which the meaning of the learned numbers depends, with their values: the law, the space, the priors that
+/// scale the joint law's weights, and the known plant. Gains, rates, noises, memories and dead zones may change between two
+/// flights.
 pub fn meaning(config: &Config) -> Vec<(String, String)> {
-    const WITHOUT_MEANING: [&str; 14] = [
+    const WITHOUT_MEANING: [&str; 16] = [
         "sample_rate_hz",
         "gain_per_s",
         "gain",
@@ -290,23 +291,35 @@ pub fn meaning(config: &Config) -> Vec<(String, String)> {
         "adaptation_rate_kg_s2",
         "adaptation_rate_n_m",
         "dead_zone",
+        "features_at",
         "velocity_error_to_position",
         "position_fix_gain_per_s",
         "position_fix_hold_s",
         "attitude_fix_gain_per_s",
         "attitude_fix_hold_s",
+        "joint",
         "state_names",
         "initial_state",
     ];
-    let has_meaning = |key: &str| {
-        !WITHOUT_MEANING.contains(&key) && !key.starts_with("dead_zone_") && !key.contains("_bound")
+    const WITHOUT_MEANING_IN_PART: [&str; 4] = ["dead_zone_", "_bound", "_noise_", "max_native_norm"];
+    let foreign = config.keys_of_other_laws();
+    let has_meaning = |channel: &str, key: &str| {
+        !WITHOUT_MEANING.contains(&key)
+            && !WITHOUT_MEANING_IN_PART.iter().any(|part| key.contains(part))
+            && !foreign.contains(&format!("{channel}.{key}"))
     };
     let table = toml::Table::try_from(config).expect("a configuration is a TOML document");
     let mut meaning = Vec::new();
     for channel in ["translation", "rotation", "linear"] {
-        let keys = table.get(channel).and_then(toml::Value::as_table).into_iter().flatten();
-        let values = keys.filter(|(key, _)| has_meaning(key));
-        meaning.extend(values.map(|(key, value)| (format!("{channel}.{key}"), value.to_string())));
+        let Some(keys) = table.get(channel).and_then(toml::Value::as_table) else { continue };
+        for (key, value) in keys.iter().filter(|(key, _)| has_meaning(channel, key)) {
+            meaning.push((format!("{channel}.{key}"), value.to_string()));
+        }
+        let is_of_the_joint_law = !foreign.contains(&format!("{channel}.joint"));
+        let joint = keys.get("joint").and_then(toml::Value::as_table).filter(|_| is_of_the_joint_law);
+        let scales = joint.into_iter().flatten();
+        let scales = scales.filter(|(key, _)| key.starts_with("prior_") || *key == "lag_times_s");
+        meaning.extend(scales.map(|(key, value)| (format!("{channel}.joint.{key}"), value.to_string())));
     }
     meaning
 }

@@ -84,21 +84,38 @@ fn the_papers_rotation_by_hand() {
 
 #[test]
 fn every_preset_is_reported_for_people_and_for_machines() {
-    let Ended { code, out: text, log } = check(&["--preset", "rigid-body"]);
-    assert_eq!(code, Some(0), "{log}");
-    for part in ["(A, C) observable", "d > d_N (Theorem 2)", "sampled law stable", "solver", "memory"] {
-        assert!(text.contains(part), "{part} is missing in: {text}");
+    let of_the_gradient_law =
+        ["(A, C) observable", "d > d_N (Theorem 2)", "sampled law stable", "solver", "memory"];
+    let of_the_joint_law =
+        ["not observable", "expected 1 σ", "after 10 s without outputs", "of a period of", "memory"];
+    for (preset, parts) in [("rigid-body-gradient", of_the_gradient_law), ("rigid-body", of_the_joint_law)] {
+        let Ended { code, out: text, log } = check(&["--preset", preset]);
+        assert_eq!(code, Some(0), "{log}");
+        for part in parts {
+            assert!(text.contains(part), "{part} is missing in: {text}");
+        }
     }
     for (name, _) in daemon::config::PRESETS {
         let Ended { code, out: text, log } = check(&["--preset", name, "--json"]);
         assert_eq!(code, Some(0), "{log}");
         let document: Value = serde_json::from_str(&text).unwrap();
         for channel in document["channels"].as_array().unwrap() {
-            for key in [
+            let keys_of_both_laws = [
                 "name",
                 "controllable",
                 "observable",
                 "unobservable",
+                "gram_condition",
+                "bytes",
+                "step_ns",
+                "period_ns",
+            ];
+            for key in keys_of_both_laws {
+                assert!(!channel[key].is_null(), "{name}: {key}");
+            }
+            // What the theorems on the gradient law need; of the joint law it is null, with the reason.
+            let is_joint = channel["law"] == "joint";
+            for key in [
                 "hurwitz",
                 "lambda_min",
                 "pl_norm",
@@ -109,11 +126,11 @@ fn every_preset_is_reported_for_people_and_for_machines() {
                 "dead_zone_admissible",
                 "sampled_data_stable",
                 "largest_stable_adaptation_rate",
-                "gram_condition",
-                "bytes",
             ] {
-                assert!(!channel[key].is_null(), "{name}: {key}");
+                assert_eq!(channel[key].is_null(), is_joint, "{name}: {key}");
+                assert_eq!(channel[format!("{key}_reason")].is_string(), is_joint, "{name}: {key}");
             }
+            assert_eq!(channel["expected_std"].is_array(), is_joint, "{name}");
         }
     }
 }

@@ -21,6 +21,7 @@ centers_per_axis = [3, 3, 3]
 dead_zone_width_m_s = 0.01
 dead_zone_buffer_m_s = 0.01
 noise_bound_m_s = 0.02
+law = \"gradient\"
 ";
 
 fn refusal(text: &str) -> String {
@@ -47,7 +48,7 @@ fn unknown_keys_and_wrong_units_name_the_line_and_the_key_that_was_meant() {
     );
     assert_refused(&GOOD.replace("rate_hz", "rate_khz"), &["line 1", "did you mean `rate_hz`"]);
     assert_refused(&GOOD.replace("width_m_s", "width_mm_s"), &["line 11", "dead_zone_width_m_s"]);
-    assert_refused(&(GOOD.to_owned() + "\n[rotaton]\n"), &["line 15", "did you mean `rotation`"]);
+    assert_refused(&(GOOD.to_owned() + "\n[rotaton]\n"), &["line 16", "did you mean `rotation`"]);
 }
 
 #[test]
@@ -81,10 +82,10 @@ fn values_out_of_range_name_their_line() {
         &["line 12", "dead_zone_buffer_m_s"],
     );
     assert_refused(&GOOD.replace("0.02", "nan"), &["line 13", "noise_bound_m_s"]);
-    assert_refused(&(GOOD.to_owned() + "sample_rate_hz = 0.0\n"), &["line 14", "sample_rate_hz"]);
-    assert_refused(&(GOOD.to_owned() + "\n[input]\nmax_age_s = 0.0\n"), &["line 16", "max_age_s"]);
+    assert_refused(&(GOOD.to_owned() + "sample_rate_hz = 0.0\n"), &["line 15", "sample_rate_hz"]);
+    assert_refused(&(GOOD.to_owned() + "\n[input]\nmax_age_s = 0.0\n"), &["line 17", "max_age_s"]);
     let attitude = "\n[initial]\nattitude_wxyz = [1.0, 1.0, 0.0, 0.0]\n";
-    assert_refused(&(GOOD.to_owned() + attitude), &["line 16", "unit quaternion"]);
+    assert_refused(&(GOOD.to_owned() + attitude), &["line 17", "unit quaternion"]);
     assert_refused(&GOOD.replace("200.0", "200.0\nspin_us = 6000.0"), &["line 2", "0 … 5000"]);
 }
 
@@ -158,8 +159,8 @@ fn kernels_of_every_kind_are_taken_and_unknown_ones_refused() {
         let file = ConfigFile::parse("vehicle.toml".into(), text).unwrap();
         assemble::estimator(&file).unwrap();
     }
-    assert_refused(&(GOOD.to_owned() + "kernel = \"matern\"\n"), &["line 14", "sobolev-matern-K"]);
-    assert_refused(&(GOOD.to_owned() + "kernel = \"sobolev-matern-1\"\n"), &["line 14", "from 2 to"]);
+    assert_refused(&(GOOD.to_owned() + "kernel = \"matern\"\n"), &["line 15", "sobolev-matern-K"]);
+    assert_refused(&(GOOD.to_owned() + "kernel = \"sobolev-matern-1\"\n"), &["line 15", "from 2 to"]);
     let scales = GOOD.replace("length_scale_m_s = 1.0", "length_scale_m_s = [1.0, 2.0]");
     assert_refused(&scales, &["length_scale_m_s", "one for each of the 3 axes"]);
 }
@@ -175,13 +176,13 @@ fn solvers_are_taken_by_name_or_with_options() {
         let again = ConfigFile::parse("again".into(), file.commented_toml()).unwrap();
         assert_eq!(again.config, file.config, "{}", file.commented_toml());
     }
-    assert_refused(&with("solver = \"fast\""), &["line 14", "\"local\""]);
+    assert_refused(&with("solver = \"fast\""), &["line 15", "\"local\""]);
     assert_refused(
         &with("solver = { kind = \"local\", block = 5 }"),
-        &["line 14", "even number from 4 to 12"],
+        &["line 15", "even number from 4 to 12"],
     );
-    assert_refused(&with("solver = { kind = \"local\", truncation = 2.0 }"), &["line 14", "truncation at 2"]);
-    assert_refused(&with("solver = { kind = \"local\", blocks = 4 }"), &["line 14"]);
+    assert_refused(&with("solver = { kind = \"local\", truncation = 2.0 }"), &["line 15", "truncation at 2"]);
+    assert_refused(&with("solver = { kind = \"local\", blocks = 4 }"), &["line 15"]);
 }
 
 /// Dense where that is cheap, local where it is not; both say so.

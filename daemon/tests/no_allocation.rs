@@ -20,8 +20,10 @@ use std::time::Duration;
 
 #[test]
 fn a_tick_allocates_only_in_its_slack() {
-    // Both solvers.
-    ["rigid-body", "million-centers"].into_iter().for_each(ticks_of_a_service_allocate_nothing);
+    // Both laws, and both solvers of the gradient law.
+    ["rigid-body", "rigid-body-gradient", "million-centers"]
+        .into_iter()
+        .for_each(ticks_of_a_service_allocate_nothing);
 }
 
 fn ticks_of_a_service_allocate_nothing(preset: &str) {

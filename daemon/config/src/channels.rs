@@ -10,6 +10,7 @@ use crate::values::{
 };
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
+use serde_json::{Map, Value, json};
 
 /// The keys that every channel has, by one name each. What a law does not need is `None`.
 #[derive(Debug, Clone, PartialEq)]
@@ -62,10 +63,37 @@ pub struct LawKeys {
 }
 
 impl LawKeys {
-    /// Whether a key is among them.
-    pub fn has(&self, key: &str) -> bool {
-        self.required.contains(&key) || self.optional.contains(&key)
+    /// All of them.
+    fn all(self) -> impl Iterator<Item = &'static str> {
+        self.required.iter().chain(self.optional).copied()
     }
+
+    /// Those that the other law does not have.
+    pub fn without(self, other: Self) -> impl Iterator<Item = &'static str> {
+        self.all().filter(move |key| other.all().all(|known| known != *key))
+    }
+}
+
+/// What a channel's schema says of its laws and its centers: of each alternative the required keys, and as `false` those
+/// that belong to the other law.
+fn alternatives([joint, gradient]: [LawKeys; 2], lattice: &[&str], listed: &str) -> Vec<Value> {
+    let has_two_laws = !joint.required.is_empty();
+    let alternative = |law: LawName, own: LawKeys, other: LawKeys, centers: &[&str]| {
+        let law_key = (has_two_laws && law != LawName::default()).then_some("law");
+        let required: Vec<_> = law_key.iter().chain(own.required).chain(centers).collect();
+        let mut alternative = json!({ "required": required });
+        if has_two_laws {
+            let mut properties: Map<_, _> =
+                other.without(own).map(|key| (key.to_owned(), Value::Bool(false))).collect();
+            properties.insert("law".into(), json!({ "const": law.name() }));
+            alternative["properties"] = properties.into();
+        }
+        alternative
+    };
+    let joint_alternative = has_two_laws.then(|| alternative(LawName::Joint, joint, gradient, &[]));
+    let gradient_alternatives =
+        [lattice, &[listed]].map(|centers| alternative(LawName::Gradient, gradient, joint, centers));
+    joint_alternative.into_iter().chain(gradient_alternatives).collect()
 }
 
 /// What a channel calls its keys, for messages.
@@ -128,7 +156,6 @@ macro_rules! channel {
         $(#[$doc:meta])*
         $Config:ident, messages name $inertia:tt $gain:tt $fix_gain:tt, law $law:expr;
         types { $Point:ty, $Counts:ty, $Rate:ty }
-        alternatives $alternatives:tt
         gradient { required $($needed:ident)*; optional $($possible:ident)* }
         joint { required $($joint_needed:ident)*; optional $($joint_possible:ident)*; names $joint_names:expr }
         words {
@@ -148,7 +175,9 @@ macro_rules! channel {
         $(#[$doc])*
         #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
         #[serde(deny_unknown_fields)]
-        #[schemars(extend("oneOf" = $alternatives))]
+        #[schemars(extend("oneOf" = alternatives(
+            Self::LAWS, &[stringify!($lower), stringify!($upper), "centers_per_axis"], stringify!($listed)
+        )))]
         pub struct $Config {
             $($first)*
             #[doc = concat!($sensor, " per second (default rate_hz); each is held for 1.5 periods, then the channel coasts.")]
@@ -325,13 +354,6 @@ channel! {
     /// The translation channel.
     TranslationConfig, messages name "mass_kg" "gain_per_s" "position_fix_gain_per_s", law |config| config.law;
     types { [f64; 3], [usize; 3], SymmetricMatrix }
-    alternatives [
-        { "required": ["velocity_noise_m_s", "speed_box_m_s"] },
-        { "required": ["gain_per_s", "adaptation_rate_kg_s2", "length_scale_m_s", "dead_zone_width_m_s",
-            "dead_zone_buffer_m_s", "noise_bound_m_s", "centers_lower_m_s", "centers_upper_m_s", "centers_per_axis"] },
-        { "required": ["gain_per_s", "adaptation_rate_kg_s2", "length_scale_m_s", "dead_zone_width_m_s",
-            "dead_zone_buffer_m_s", "noise_bound_m_s", "centers_listed_m_s"] },
-    ]
     gradient {
         required gain_per_s;
         optional velocity_error_to_position position_fix_gain_per_s position_fix_hold_s
@@ -419,14 +441,6 @@ channel! {
     /// The rotation channel.
     RotationConfig, messages name "inertia_kg_m2" "gain_per_s" "attitude_fix_gain_per_s", law |config| config.law;
     types { [f64; 3], [usize; 3], SymmetricMatrix }
-    alternatives [
-        { "required": ["angular_velocity_noise_rad_s", "rate_box_rad_s"] },
-        { "required": ["gain_per_s", "adaptation_rate_n_m", "length_scale_rad_s", "dead_zone_width_rad_s",
-            "dead_zone_buffer_rad_s", "noise_bound_rad_s", "centers_lower_rad_s", "centers_upper_rad_s",
-            "centers_per_axis"] },
-        { "required": ["gain_per_s", "adaptation_rate_n_m", "length_scale_rad_s", "dead_zone_width_rad_s",
-            "dead_zone_buffer_rad_s", "noise_bound_rad_s", "centers_listed_rad_s"] },
-    ]
     gradient { required gain_per_s; optional attitude_fix_gain_per_s attitude_fix_hold_s }
     joint { required angular_velocity_noise_rad_s rate_box_rad_s; optional attitude_noise_rad joint length_scale_rad_s; names ROTATION_NAMES }
     words {
@@ -501,12 +515,6 @@ channel! {
     /// `x' = A x + B (u + f(y)) + ξ`, `y = C x + δ`, with `output` and `input` of the measurement for y and u.
     LinearConfig, messages name "a" "gain" "", law |_| LawName::Gradient;
     types { Vec<f64>, Vec<usize>, SquareMatrix }
-    alternatives [
-        { "required": ["adaptation_rate", "length_scale", "dead_zone_width", "dead_zone_buffer", "noise_bound",
-            "centers_lower", "centers_upper", "centers_per_axis"] },
-        { "required": ["adaptation_rate", "length_scale", "dead_zone_width", "dead_zone_buffer", "noise_bound",
-            "centers_listed"] },
-    ]
     gradient { required; optional }
     joint { required; optional; names &[] }
     words {

@@ -16,10 +16,15 @@ pub fn markdown() -> String {
     for (name, schema) in properties(&SCHEMA).filter(|(_, schema)| table(schema).is_some()) {
         text += &section(&format!("`[{name}]`"), name, schema);
     }
-    // The same in every channel.
-    let solver = schema::find(&SCHEMA, "translation.solver").expect("a channel has a solver");
-    let heading = "`[translation.solver]`, `[rotation.solver]`, `[linear.solver]`";
-    text + &section(heading, "translation.solver", solver)
+    // The solver's table is the same in every channel.
+    for (heading, path) in [
+        ("`[translation.joint]`", "translation.joint"),
+        ("`[rotation.joint]`", "rotation.joint"),
+        ("`[translation.solver]`, `[rotation.solver]`, `[linear.solver]`", "translation.solver"),
+    ] {
+        text += &section(heading, path, schema::find(&SCHEMA, path).expect("the table of a channel"));
+    }
+    text
 }
 
 const INTRODUCTION: &str = r#"# Configuration
@@ -33,8 +38,12 @@ what is proven for yours before it flies:
     daemon check --config vehicle.toml
 
 A key that is unknown, a value of another type or out of its bounds is refused with its line. Units are in the keys. At
-least one of `[translation]`, `[rotation]`, `[linear]` must be there; each of these takes its centers either as a lattice,
-`centers_lower…`, `centers_upper…` and `centers_per_axis`, or one by one, `centers_listed…`.
+least one of `[translation]`, `[rotation]`, `[linear]` must be there.
+
+`[translation]` and `[rotation]` have one of two laws. `law = "joint"`, the default, needs the sensor's noise and the box of
+speeds. `law = "gradient"` is the paper's; like `[linear]` it needs gains, and its centers either as a lattice,
+`centers_lower…`, `centers_upper…` and `centers_per_axis`, or one by one, `centers_listed…`. A key that belongs to the other
+law is refused; the column `law` says which has it.
 
 Editors complete and check keys by [configuration.schema.json](configuration.schema.json); with taplo (Even Better TOML)
 by a first line `#:schema PATH/configuration.schema.json`. `daemon config-reference` prints this text, with `--schema`
@@ -46,17 +55,33 @@ fn section(heading: &str, path: &str, schema: &Value) -> String {
     if !path.is_empty() {
         text += &format!("\n{}\n", description(schema));
     }
-    let required = required(schema);
+    let schema_table = table(schema).unwrap_or(schema);
+    let alternatives = alternatives(schema_table);
+    let has_laws = alternatives.iter().any(|alternative| !law(alternative).is_empty());
     let keys = properties(schema).filter(|(_, schema)| !path.is_empty() || table(schema).is_none());
-    text += "\n| key | type | unit | default | accepted |\n|---|---|---|---|---|\n";
+    let law_column = |text: &str| if has_laws { format!(" {text} |") } else { String::new() };
+    text += &format!("\n| key |{} type | unit | default | accepted |\n", law_column("law"));
+    text += &format!("|---|{}---|---|---|---|\n", if has_laws { "---|" } else { "" });
     for (name, schema) in keys.clone() {
+        let own: Vec<_> =
+            alternatives.iter().filter(|alternative| !alternative["properties"][name].is_boolean()).collect();
+        let laws = if own.len() == alternatives.len() { "" } else { own.first().map_or("", |own| law(own)) };
+        let needs = |owner: &&Value| required_in(owner).contains(&name);
         let default = match schema.get("default") {
+            Some(Value::Object(_)) => "a table of its own".into(),
             Some(value) => format!("`{}`", toml_text(value)),
-            None if required.contains(&name) => "required".into(),
+            None if needs(&schema_table) || !own.is_empty() && own.iter().all(needs) => "required".into(),
+            None if has_laws && own.iter().all(|owner| needs(owner) == (law(owner) == "gradient")) => {
+                "required with `\"gradient\"`".into()
+            }
             None => "absent".into(),
         };
         let (kind, unit) = (type_text(schema), unit(name));
-        text += &format!("| `{name}` | {kind} | {unit} | {default} | {} |\n", accepted(schema));
+        text += &format!(
+            "| `{name}` |{} {kind} | {unit} | {default} | {} |\n",
+            law_column(laws),
+            accepted(schema)
+        );
     }
     for (name, schema) in keys {
         text += &format!("\n**`{name}`**: {}\n", description(schema));
@@ -89,12 +114,26 @@ fn example(schema: &Value) -> Option<&Value> {
     schema.get("default").or_else(|| schema["examples"].get(0))
 }
 
-/// The keys that must be there, and the first of the alternatives of which one must.
+/// The keys that must be there, and those of the first alternative.
 fn required(schema: &Value) -> Vec<&str> {
     let Some(table) = table(schema) else { return Vec::new() };
-    let names = |schema: &'_ Value| schema["required"].as_array().cloned().unwrap_or_default();
-    let all = [names(table), names(&table["oneOf"][0])].concat();
-    properties(table).map(|(name, _)| name).filter(|name| all.iter().any(|other| other == name)).collect()
+    let all = [required_in(table), alternatives(table).first().map(required_in).unwrap_or_default()].concat();
+    properties(table).map(|(name, _)| name).filter(|name| all.contains(name)).collect()
+}
+
+/// The keys that a table, or an alternative of it, requires.
+fn required_in(schema: &Value) -> Vec<&str> {
+    schema["required"].as_array().into_iter().flatten().filter_map(Value::as_str).collect()
+}
+
+/// What a table says of its laws and centers: of each alternative the required keys, and as `false` those it may not have.
+fn alternatives(table: &Value) -> &[Value] {
+    table["oneOf"].as_array().map_or(&[], Vec::as_slice)
+}
+
+/// The law of an alternative; empty where there is but one.
+fn law(alternative: &Value) -> &str {
+    alternative["properties"]["law"]["const"].as_str().unwrap_or_default()
 }
 
 fn description(schema: &Value) -> String {
@@ -112,7 +151,11 @@ fn toml_text(value: &Value) -> String {
 
 /// The unit, which is the end of a key's name.
 fn unit(key: &str) -> &'static str {
-    const UNITS: [(&str, &str); 15] = [
+    const UNITS: [(&str, &str); 19] = [
+        ("_rad_s_sqrt_s", "rad/s/√s"),
+        ("_rad2_s3", "rad²/s³"),
+        ("_m2_s3", "m²/s³"),
+        ("_rad_s2", "rad/s²"),
         ("_kg_m2", "kg·m²"),
         ("_kg_s2", "kg/s²"),
         ("_rad_s", "rad/s"),

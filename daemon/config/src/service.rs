@@ -136,8 +136,7 @@ impl Config {
     pub fn keys_of_other_laws(&self) -> Vec<String> {
         let foreign = |(table, law, [joint, gradient]): (_, LawName, [LawKeys; 2])| {
             let (own, other) = if law == LawName::Joint { (joint, gradient) } else { (gradient, joint) };
-            let keys = other.required.iter().chain(other.optional).filter(move |key| !own.has(key));
-            keys.map(move |key| format!("{table}.{key}"))
+            other.without(own).map(move |key| format!("{table}.{key}"))
         };
         self.laws().flat_map(foreign).collect()
     }

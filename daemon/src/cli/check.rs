@@ -119,7 +119,7 @@ fn joint_document(check: &ChannelCheck, report: &JointReport) -> Value {
     }
     for key in KEYS_OF_THEOREMS {
         document[key] = Value::Null;
-        document[format!("{key}_reason")] = "of the theorems on law = \"gradient\"".into();
+        document[format!("{key}_reason")] = "belongs to the theorems of law = \"gradient\"".into();
     }
     document
 }
