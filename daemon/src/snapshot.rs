@@ -302,23 +302,18 @@ pub fn meaning(config: &Config) -> Vec<(String, String)> {
         "initial_state",
     ];
     const WITHOUT_MEANING_IN_PART: [&str; 4] = ["dead_zone_", "_bound", "_noise_", "max_native_norm"];
-    let foreign = config.keys_of_other_laws();
-    let has_meaning = |channel: &str, key: &str| {
-        !WITHOUT_MEANING.contains(&key)
-            && !WITHOUT_MEANING_IN_PART.iter().any(|part| key.contains(part))
-            && !foreign.contains(&format!("{channel}.{key}"))
+    let has_meaning = |key: &str| {
+        !WITHOUT_MEANING.contains(&key) && !WITHOUT_MEANING_IN_PART.iter().any(|part| key.contains(part))
     };
-    let table = toml::Table::try_from(config).expect("a configuration is a TOML document");
+    let document = config.document();
     let mut meaning = Vec::new();
     for channel in ["translation", "rotation", "linear"] {
-        let Some(keys) = table.get(channel).and_then(toml::Value::as_table) else { continue };
-        for (key, value) in keys.iter().filter(|(key, _)| has_meaning(channel, key)) {
+        let Some(keys) = document.get(channel).and_then(toml::Value::as_table) else { continue };
+        for (key, value) in keys.iter().filter(|(key, _)| has_meaning(key)) {
             meaning.push((format!("{channel}.{key}"), value.to_string()));
         }
-        let is_of_the_joint_law = !foreign.contains(&format!("{channel}.joint"));
-        let joint = keys.get("joint").and_then(toml::Value::as_table).filter(|_| is_of_the_joint_law);
-        let scales = joint.into_iter().flatten();
-        let scales = scales.filter(|(key, _)| key.starts_with("prior_") || *key == "lag_times_s");
+        let joint = keys.get("joint").and_then(toml::Value::as_table).into_iter().flatten();
+        let scales = joint.filter(|(key, _)| key.starts_with("prior_") || *key == "lag_times_s");
         meaning.extend(scales.map(|(key, value)| (format!("{channel}.joint.{key}"), value.to_string())));
     }
     meaning

@@ -47,7 +47,8 @@ fn tick(engine: &mut Engine, sequence: u64) -> String {
 }
 
 fn local_preset() -> ConfigFile {
-    let text = daemon::config::PRESETS[0].1.replace("[rotation]", "solver = \"local\"\n[rotation]");
+    let (_, text) = daemon::config::PRESETS.iter().find(|(name, _)| *name == "rigid-body-gradient").unwrap();
+    let text = text.replace("[rotation]", "solver = \"local\"\n[rotation]");
     ConfigFile::parse("local".into(), text).unwrap()
 }
 
@@ -55,8 +56,8 @@ fn local_preset() -> ConfigFile {
 /// alone, or the state alone, does not.
 #[test]
 fn another_engine_goes_on_to_the_bit() {
-    let presets =
-        ["rigid-body", "auv", "linear", "paper-translation"].map(|name| ConfigFile::preset(name).unwrap());
+    let presets = ["rigid-body", "auv", "linear", "paper-translation", "rigid-body-gradient"]
+        .map(|name| ConfigFile::preset(name).unwrap());
     for file in presets.into_iter().chain([local_preset()]) {
         let mut engine = Engine::new(&file.config, assemble::estimator(&file).unwrap());
         (0..600).for_each(|sequence| drop(tick(&mut engine, sequence)));
@@ -344,8 +345,12 @@ fn what_is_forgotten_is_kept_beside() {
     let daemon = run_daemon(&domain, &[]);
     let client = domain.client();
     fly(&client, 0, 200);
-    let learned =
-        |path: PathBuf| Snapshot::read(&path).unwrap().checkpoint.learned.iter().any(|number| *number != 0.0);
+    let file = ConfigFile::preset("rigid-body").unwrap();
+    let mut fresh = Engine::new(&file.config, assemble::estimator(&file).unwrap());
+    fresh.save();
+    let mut nothing = vec![0.0; fresh.n_learned()];
+    fresh.read_saved(0, &mut nothing);
+    let learned = |path: PathBuf| Snapshot::read(&path).unwrap().checkpoint.learned != nothing;
     assert_eq!(client.command(command::SAVE, PATIENCE).unwrap().outcome, outcome::DONE);
     assert!(learned(snapshot_path(&domain)));
     assert_eq!(client.command(command::RESET, PATIENCE).unwrap().outcome, outcome::DONE);

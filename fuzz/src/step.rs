@@ -14,6 +14,7 @@ rate_hz = 100.0
 clock = "samples"
 
 [translation]
+law = "gradient"
 mass_kg = 2.0
 gain_per_s = 10.0
 adaptation_rate_kg_s2 = 50.0
@@ -31,7 +32,7 @@ position_fix_gain_per_s = 1.0
 
 thread_local! {
     static ENGINES: LazyCell<Vec<(Engine, Clock)>> = const { LazyCell::new(|| {
-        let mut files = ["rigid-body", "auv", "linear"].map(with_few_centers).to_vec();
+        let mut files = ["rigid-body", "auv", "linear", "rigid-body-gradient"].map(with_few_centers).to_vec();
         files.push(ConfigFile::parse("local".into(), LOCAL.into()).unwrap());
         let mut by_samples = files[0].clone();
         by_samples.config.clock = Clock::Samples;

@@ -140,6 +140,20 @@ impl Config {
         };
         self.laws().flat_map(foreign).collect()
     }
+
+    /// The configuration as a document, without the keys that the channels' laws do not have: reading it gives the same
+    /// configuration.
+    pub fn document(&self) -> toml::Table {
+        let mut document = toml::Table::try_from(self).expect("a configuration is a TOML document");
+        for key in self.keys_of_other_laws() {
+            if let Some((table, key)) = key.split_once('.')
+                && let Some(toml::Value::Table(table)) = document.get_mut(table)
+            {
+                table.remove(key);
+            }
+        }
+        document
+    }
 }
 
 /// The state before the first sample; what is missing is taken from the first measurement of it.

@@ -31,7 +31,7 @@ pub fn session(config: &Config, instance: &str, checkpoint: Option<&Checkpoint>)
     Session {
         program_version: env!("CARGO_PKG_VERSION").into(),
         instance: instance.into(),
-        config: toml::to_string(config).expect("a configuration is a TOML document"),
+        config: config.document().to_string(),
         vector_unit: observer::vector_unit().into(),
         checkpoint: checkpoint.map(encode_checkpoint),
     }

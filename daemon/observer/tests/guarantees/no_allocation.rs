@@ -36,11 +36,64 @@ fn an_observer_allocates_nothing_after_construction(solver: Solver) {
         attitude_fix_gain_per_s: 1.0,
         attitude_fix_hold_s: 0.1,
     };
+    allocates_nothing_after_construction(translation.into(), rotation.into());
+}
+
+/// One covariance for all axes, and one for each.
+#[test]
+fn with_the_joint_law_accepting_estimating_and_restoring_allocate_nothing() {
+    for noise in [[0.01; 3], [0.01, 0.02, 0.03]] {
+        let channel =
+            || JointChannelDesign { filter: joint_law(noise), inertia: isotropic(4.0), hold_s: 0.0075 };
+        let translation = JointTranslationDesign { channel: channel(), known_force_n: Vector3::zeros() };
+        let rotation = JointRotationDesign {
+            channel: channel(),
+            gyroscopic_torque: GyroscopicTorque::Feedforward,
+            attitude_noise_rad: 0.01,
+            bias_std_rad_s: 0.01,
+            bias_walk_rad_s_sqrt_s: 1e-4,
+        };
+        allocates_nothing_after_construction(
+            TranslationLaw::Joint(translation),
+            RotationLaw::Joint(rotation),
+        );
+    }
+}
+
+fn joint_law(noise: [f64; 3]) -> JointDesign {
+    JointDesign {
+        kernel: Kernel::SobolevMatern { dimension: 3, order: 3 },
+        length_scale: LengthScale::Isotropic(1.0),
+        centers: Centers::lattice([-1.0; 3], [1.0; 3], [3; 3]).unwrap(),
+        prior: PriorDeviations {
+            bias: 0.5,
+            linear: 0.3,
+            kernel: 0.35,
+            input: 0.15,
+            lag: 0.3,
+            disturbance: 0.1,
+        },
+        disturbance_time_s: 0.2,
+        process_noise: 1e-3,
+        motion_memory_s: 300.0,
+        input_memory_s: 3600.0,
+        lags_s: [0.05, 0.2],
+        noise,
+        position_noise: Some(0.5),
+        noise_samples: 500.0,
+        excitation: ExcitationDesign {
+            correction_share: 0.3,
+            mean_time_s: 5.0,
+            variation_time_s: 0.2,
+            idle_rate: 0.05,
+        },
+    }
+}
+
+fn allocates_nothing_after_construction(translation: TranslationLaw, rotation: RotationLaw) {
     let mut observer = None;
     let construction = measure(|| {
-        observer =
-            RigidBodyObserver::new(Some(translation.into()), Some(rotation.into()), InitialState::default())
-                .ok();
+        observer = RigidBodyObserver::new(Some(translation), Some(rotation), InitialState::default()).ok();
     });
     assert!(construction.count_total > 0, "the counter counts");
     let mut observer = observer.unwrap();
