@@ -58,6 +58,12 @@ impl KalmanFilter {
         Ok(())
     }
 
+    /// f̂ (N).
+    #[cfg(test)]
+    pub(crate) fn force_n(&self) -> Vector3<f64> {
+        self.estimate.state().fixed_rows::<3>(3).into()
+    }
+
     /// v̂ (m/s).
     pub(crate) fn velocity_m_s(&self) -> Vector3<f64> {
         self.estimate.state().fixed_rows::<3>(0).into()
@@ -143,7 +149,7 @@ mod tests {
             let t = j as f64 * h;
             filter.correct(&Vector3::new(1.5 * t, 0.5 * t, 0.0)).unwrap();
         }
-        let force = filter.estimate.state().fixed_rows::<3>(3).into_owned();
+        let force = filter.force_n();
         assert!((force - Vector3::new(3.0, 0.0, 0.0)).norm() < 1e-3, "{force}");
         assert!((filter.velocity_m_s() - Vector3::new(7.5, 2.5, 0.0)).norm() < 1e-6);
     }

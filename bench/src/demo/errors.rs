@@ -34,6 +34,11 @@ impl Run {
         Ok(Self { truths, estimates, measurements })
     }
 
+    /// The samples that the vehicle published.
+    pub(super) fn measurements(&self) -> &[Measurement] {
+        &self.measurements
+    }
+
     pub(super) fn duration_s(&self) -> f64 {
         self.seconds(self.truths[self.truths.len() - 1].stamp_ns)
     }
@@ -103,15 +108,17 @@ impl Quantity {
         }
     }
 
+    /// Whether it belongs to the translation.
+    pub(super) fn is_of_translation(self) -> bool {
+        matches!(self, Self::Position | Self::Velocity | Self::Force)
+    }
+
     /// The norm of an estimate's error; `None` where there is no truth at its instant, or where the quantity's
     /// channel is not part of the estimate.
     pub(super) fn error(self, truths: &[Truth], estimate: &Estimate) -> Option<f64> {
         let truth = truth_at(truths, estimate.stamp_ns)?;
         let norm = |a: [f64; 3], b: [f64; 3]| (Vector3::from(a) - Vector3::from(b)).norm();
-        let channel = match self {
-            Self::Position | Self::Velocity | Self::Force => &estimate.translation,
-            Self::Attitude | Self::AngularVelocity | Self::Torque => &estimate.rotation,
-        };
+        let channel = if self.is_of_translation() { &estimate.translation } else { &estimate.rotation };
         (channel.error_bound > 0.0).then(|| match self {
             Self::Position => norm(truth.position_m, estimate.position_m),
             Self::Velocity => norm(truth.velocity_m_s, estimate.velocity_m_s),

@@ -97,30 +97,76 @@ fn rises(before: &Status, after: &Status) -> Vec<(String, u64)> {
     restart.into_iter().chain(risen.filter(|(_, count)| *count > 0)).collect()
 }
 
+/// A fault's effect on one error.
+#[derive(Debug, Clone, Copy)]
+struct Judged {
+    worst: Option<f64>,
+    rms_before: Option<f64>,
+    fault_free: Option<f64>,
+    rms_afterwards: Option<f64>,
+    /// After the fault's end (s).
+    back_after_s: Option<f64>,
+}
+
 /// The effect of one fault.
 #[derive(Debug, Clone)]
 struct Effect {
     fault: Fault,
     /// `None` where no samples are concerned: a fault of the service.
     samples: Option<u64>,
-    worst: Option<f64>,
-    rms_before: Option<f64>,
-    fault_free: Option<f64>,
-    rms_afterwards: Option<f64>,
-    /// After its end (s).
-    back_after_s: Option<f64>,
+    /// On the motion's error, and on the learned force's.
+    on: [Judged; 2],
     rises: Vec<(String, u64)>,
+}
+
+/// The error of one quantity with faults, and in the same run without.
+#[derive(Debug)]
+struct Errors {
+    quantity: Quantity,
+    with: Curve,
+    without: Curve,
+}
+
+impl Errors {
+    fn new(run: &Run, without: &[Estimate], quantity: Quantity) -> Self {
+        let curve = |estimates: &[Estimate]| -> Curve {
+            let point = |e: &Estimate| Some((run.seconds(e.stamp_ns), quantity.error(&run.truths, e)?));
+            estimates.iter().filter_map(point).collect()
+        };
+        Self { quantity, with: curve(&run.estimates), without: curve(without) }
+    }
+
+    /// The effect of a fault from `start_s` to `end_s`; what is after `until_s` belongs to another.
+    fn judge(&self, start_s: f64, end_s: f64, until_s: f64) -> Judged {
+        let with = &self.with;
+        let fault_free = rms(between(&self.without, start_s - AROUND_S, end_s + AROUND_S));
+        let back_s =
+            fault_free.and_then(|level| back_at(with, BACK_WITHIN * level, end_s, until_s.max(end_s)));
+        let worst = between(with, start_s, back_s.unwrap_or(until_s.max(end_s)));
+        let afterwards = between(with, end_s + AFTERWARDS_S, until_s.min(end_s + AFTERWARDS_END_S));
+        Judged {
+            worst: worst.iter().map(|point| point.1).reduce(f64::max),
+            rms_before: rms(between(with, start_s - AROUND_S, start_s)),
+            fault_free,
+            rms_afterwards: rms(afterwards),
+            back_after_s: back_s.map(|back_s| back_s - end_s),
+        }
+    }
+
+    /// The evaluated error, with its unit.
+    fn label(&self) -> String {
+        let (name, _) = self.quantity.names();
+        name.replacen(" (", " error (", 1)
+    }
 }
 
 /// The effects of all faults of a run.
 #[derive(Debug)]
 pub(super) struct FaultReport {
-    /// Velocity, or angular velocity where there is no translation.
-    judged: Quantity,
+    /// Of velocity and force, or of angular velocity and torque where there is no translation.
+    errors: [Errors; 2],
     effects: Vec<Effect>,
     estimates_not_finite: usize,
-    with: Curve,
-    without: Curve,
 }
 
 impl FaultReport {
@@ -133,14 +179,10 @@ impl FaultReport {
         summary: &Value,
     ) -> anyhow::Result<Self> {
         let judged = match run.estimates.iter().any(|estimate| estimate.translation.error_bound > 0.0) {
-            true => Quantity::Velocity,
-            false => Quantity::AngularVelocity,
+            true => [Quantity::Velocity, Quantity::Force],
+            false => [Quantity::AngularVelocity, Quantity::Torque],
         };
-        let curve = |estimates: &[Estimate]| -> Curve {
-            let point = |e: &Estimate| Some((run.seconds(e.stamp_ns), judged.error(&run.truths, e)?));
-            estimates.iter().filter_map(point).collect()
-        };
-        let (with, without) = (curve(&run.estimates), curve(without));
+        let errors = judged.map(|quantity| Errors::new(run, without, quantity));
         let status_at = |t_s: f64| {
             let seen = statuses.iter().rev().find(|status| run.seconds(status.stamp_ns) <= t_s);
             seen.copied().unwrap_or_default()
@@ -154,9 +196,6 @@ impl FaultReport {
             let next_s =
                 starts.iter().copied().filter(|&other_s| other_s > start_s).fold(f64::INFINITY, f64::min);
             let until_s = next_s.min(run.duration_s());
-            let fault_free = rms(between(&without, start_s - AROUND_S, end_s + AROUND_S));
-            let back_s =
-                fault_free.and_then(|level| back_at(&with, BACK_WITHIN * level, end_s, until_s.max(end_s)));
             let samples = match fault.kind.reach() {
                 Reach::Service => None,
                 Reach::Samples | Reach::Source => {
@@ -167,67 +206,60 @@ impl FaultReport {
                     tally["samples"].as_u64()
                 }
             };
-            let worst = between(&with, start_s, back_s.unwrap_or(until_s.max(end_s)));
             let counted_until_s = until_s.min(fault.span.end_s() + COUNTED_FOR_S);
             effects.push(Effect {
                 fault: *fault,
                 samples,
-                worst: worst.iter().map(|point| point.1).reduce(f64::max),
-                rms_before: rms(between(&with, start_s - AROUND_S, start_s)),
-                fault_free,
-                rms_afterwards: rms(between(
-                    &with,
-                    end_s + AFTERWARDS_S,
-                    until_s.min(end_s + AFTERWARDS_END_S),
-                )),
-                back_after_s: back_s.map(|back_s| back_s - end_s),
+                on: errors.each_ref().map(|errors| errors.judge(start_s, end_s, until_s)),
                 rises: rises(&status_at(start_s), &status_at(counted_until_s)),
             });
         }
         let estimates_not_finite = run.estimates.iter().filter(|estimate| !estimate.is_finite()).count();
-        Ok(Self { judged, effects, estimates_not_finite, with, without })
-    }
-
-    /// The evaluated error, with its unit.
-    fn label(&self) -> &'static str {
-        match self.judged {
-            Quantity::Velocity => "velocity error (m/s)",
-            _ => "angular velocity error (rad/s)",
-        }
+        Ok(Self { errors, effects, estimates_not_finite })
     }
 
     pub(super) fn print(&self) {
-        let worst = format!("worst {}", self.label());
-        let header = [
-            "",
-            "fault",
-            "samples",
-            &worst,
-            "RMS before",
-            "without faults",
-            "back after (s)",
-            "RMS 2 s later",
-            "the service counted",
-        ];
+        let of = self.errors.each_ref().map(Errors::label);
+        let columns = of.iter().flat_map(|label| {
+            let first = format!("{label}\nworst");
+            [
+                first,
+                "\nbefore".into(),
+                "\nwithout faults".into(),
+                "\nback after (s)".into(),
+                "\n2 s later".into(),
+            ]
+        });
+        let header: Vec<String> = ["".to_owned(), "fault".into(), "samples".into()]
+            .into_iter()
+            .chain(columns)
+            .chain(["the service counted".into()])
+            .collect();
+        let header: Vec<&str> = header.iter().map(String::as_str).collect();
         let number = |value: Option<f64>| value.map_or("-".into(), |value| format!("{value:.4}"));
         let row = |(i, effect): (usize, &Effect)| {
             let rises =
                 effect.rises.iter().map(|(name, count)| format!("{} {count}", name.replace('_', " ")));
-            [
+            let first = [
                 (i + 1).to_string(),
                 effect.fault.to_string().replacen(',', "\n", 1),
                 effect.samples.map_or("-".into(), |samples| samples.to_string()),
-                number(effect.worst),
-                number(effect.rms_before),
-                number(effect.fault_free),
-                effect.back_after_s.map_or("not seen".into(), |s| format!("{s:.2}")),
-                number(effect.rms_afterwards),
-                rises.collect::<Vec<_>>().join("\n"),
-            ]
+            ];
+            let judged = effect.on.iter().flat_map(|on| {
+                let back = on.back_after_s.map_or("not seen".into(), |s| format!("{s:.2}"));
+                [
+                    number(on.worst),
+                    number(on.rms_before),
+                    number(on.fault_free),
+                    back,
+                    number(on.rms_afterwards),
+                ]
+            });
+            first.into_iter().chain(judged).chain([rises.collect::<Vec<_>>().join("\n")]).collect::<Vec<_>>()
         };
         outln!("{}", table(&header, header.len(), self.effects.iter().enumerate().map(row)));
         outln!(
-            "back: RMS over {WINDOW_S} s at most {BACK_WITHIN} times that of the same run without faults; \
+            "before, without faults, later: RMS; back: RMS over {WINDOW_S} s at most {BACK_WITHIN} times that of the same run without faults; \
              counted until {COUNTED_FOR_S} s after the fault or the next one\n"
         );
         if self.estimates_not_finite > 0 {
@@ -236,7 +268,6 @@ impl FaultReport {
     }
 
     pub(super) fn put_json(&self, document: &mut Map<String, Value>) {
-        let key = self.judged.names().1.replace("{}", "error");
         let effect = |effect: &Effect| {
             let rises: Map<String, Value> =
                 effect.rises.iter().map(|(name, count)| (name.clone(), (*count).into())).collect();
@@ -246,15 +277,19 @@ impl FaultReport {
                 "start_s": effect.fault.span.start_s,
                 "length_s": effect.fault.span.length_s,
                 "samples": effect.samples,
-                "back_after_s": effect.back_after_s,
                 "counted": rises,
             });
-            value[format!("worst_{key}")] = effect.worst.into();
-            value[format!("rms_{key}_before")] = effect.rms_before.into();
-            value[format!("rms_{key}_without_faults")] = effect.fault_free.into();
-            value[format!("rms_{key}_afterwards")] = effect.rms_afterwards.into();
-            if effect.back_after_s.is_none() {
-                value["back_after_s_reason"] = "not back before the next fault or the end of the run".into();
+            for ((errors, on), prefix) in self.errors.iter().zip(&effect.on).zip(["", "force_"]) {
+                let key = errors.quantity.names().1.replace("{}", "error");
+                value[format!("worst_{key}")] = on.worst.into();
+                value[format!("rms_{key}_before")] = on.rms_before.into();
+                value[format!("rms_{key}_without_faults")] = on.fault_free.into();
+                value[format!("rms_{key}_afterwards")] = on.rms_afterwards.into();
+                value[format!("{prefix}back_after_s")] = on.back_after_s.into();
+                if on.back_after_s.is_none() {
+                    value[format!("{prefix}back_after_s_reason")] =
+                        "not back before the next fault or the end of the run".into();
+                }
             }
             value
         };
@@ -264,11 +299,12 @@ impl FaultReport {
 
     /// The error with and without faults.
     pub(super) fn panel(&self) -> Panel {
+        let errors = &self.errors[0];
         let lines = vec![
-            Line::new("with faults", LineStyle::Estimate, self.with.clone()),
-            Line::new("the same without faults", LineStyle::Comparison, self.without.clone()),
+            Line::new("with faults", LineStyle::Estimate, errors.with.clone()),
+            Line::new("the same without faults", LineStyle::Comparison, errors.without.clone()),
         ];
-        Panel { log_y: true, ..Panel::new(self.label(), lines) }
+        Panel { log_y: true, ..Panel::new(&errors.label(), lines) }
     }
 
     /// The faults' times, with their numbers in the table.

@@ -2,6 +2,7 @@
 
 use super::errors::{Quantity, RmsMax, Run, quaternion, truth_at};
 use super::faults::FaultReport;
+use super::outages::{COMPARED, OutageReport, SUFFIXES};
 use crate::harness::latency::latency_table;
 use crate::harness::output::table;
 use crate::plot::{Line, LineStyle, Panel};
@@ -10,7 +11,7 @@ use shared_types::Truth;
 use shared_types::outln;
 use shared_types::payload::{Estimate, Rejection, Status};
 use sim_publisher::Scenario;
-use std::path::Path;
+use std::path::PathBuf;
 
 /// Everything that was measured.
 pub(super) struct Report {
@@ -20,13 +21,15 @@ pub(super) struct Report {
     pub(super) duration_s: f64,
     pub(super) samples_sent: u64,
     pub(super) status: Status,
-    /// Over the second half, with and without adaptation.
-    pub(super) errors: [(Quantity, [Option<RmsMax>; 2]); 6],
+    /// Over the second half, of the three that are compared.
+    pub(super) errors: [(Quantity, [Option<RmsMax>; 3]); 6],
+    /// Of the faults that were asked for.
     pub(super) faults: Option<FaultReport>,
+    pub(super) outages: Option<OutageReport>,
 }
 
 impl Report {
-    pub(super) fn print(&self, plot: &Path) {
+    pub(super) fn print(&self, plots: &[PathBuf]) {
         let status = &self.status;
         outln!(
             "{} with preset {}: {:.1} s at {} Hz, service and vehicle as two processes\n",
@@ -36,12 +39,23 @@ impl Report {
             self.rate_hz
         );
         let rows = self.errors.iter().filter_map(|&(quantity, errors)| {
-            let [Some(with), Some(without)] = errors else { return None };
-            let cells = [with.rms, with.max, without.rms, without.max].map(|value| format!("{value:.4}"));
-            Some(std::iter::once(quantity.names().0.to_owned()).chain(cells))
+            errors[0]?;
+            let cells = errors.iter().flat_map(|error| {
+                let number = |value: fn(&RmsMax) -> f64| {
+                    error.as_ref().map_or("-".into(), |error| format!("{:.4}", value(error)))
+                };
+                [number(|error| error.rms), number(|error| error.max)]
+            });
+            Some(std::iter::once(quantity.names().0.to_owned()).chain(cells).collect::<Vec<_>>())
         });
-        let header = ["error, second half", "RMS", "max", "RMS without adaptation", "max without adaptation"];
-        outln!("{}\n", table(&header, 1, rows));
+        let columns = COMPARED.iter().flat_map(|whose| [format!("{whose}\nRMS"), "\nmax".into()]);
+        let header: Vec<String> = std::iter::once("error, second half".into()).chain(columns).collect();
+        let header: Vec<&str> = header.iter().map(String::as_str).collect();
+        outln!("{}", table(&header, 1, rows));
+        outln!("Kalman filter: velocity and a random-walk force, the best of 17 tunings for each row\n");
+        if let Some(outages) = &self.outages {
+            outages.print();
+        }
         outln!(
             "samples: {} sent, {} used, {} lost, {} rejected;  ticks: {}, {} deadlines missed, {} coasting",
             self.samples_sent,
@@ -64,11 +78,11 @@ impl Report {
         if let Some(faults) = &self.faults {
             faults.print();
         }
-        outln!("{}", plot.display());
+        plots.iter().for_each(|plot| outln!("{}", plot.display()));
     }
 
     /// The document of `--json`; a quantity that the scenario does not have is null, with its reason.
-    pub(super) fn json(&self, plot: &Path) -> Value {
+    pub(super) fn json(&self, plots: &[PathBuf]) -> Value {
         let status = &self.status;
         let mut document = Map::new();
         let mut put = |key: String, value: Value| document.insert(key, value);
@@ -83,13 +97,16 @@ impl Report {
         put("ticks".into(), status.counters.ticks.into());
         put("deadline_misses".into(), status.counters.deadline_misses.into());
         for (quantity, errors) in &self.errors {
-            for (suffix, error) in ["", "_without_adaptation"].into_iter().zip(errors) {
+            for (suffix, error) in SUFFIXES.into_iter().zip(errors) {
                 for (statistic, pick) in [("rms", (|e| e.rms) as fn(RmsMax) -> f64), ("max", |e| e.max)] {
                     let key = quantity.names().1.replace("{}", statistic) + suffix;
                     match error {
                         Some(error) => put(key, pick(*error).into()),
                         None => {
-                            let reason = format!("scenario {} has no such channel", self.scenario);
+                            let reason = match errors[0] {
+                                Some(_) => "the compared filter has no rotation".into(),
+                                None => format!("scenario {} has no such channel", self.scenario),
+                            };
                             put(key.clone() + "_reason", reason.into());
                             put(key, Value::Null)
                         }
@@ -103,14 +120,22 @@ impl Report {
         if let Some(faults) = &self.faults {
             faults.put_json(&mut document);
         }
-        let mut put = |key: String, value: Value| document.insert(key, value);
-        put("plots".into(), json!([plot.display().to_string()]));
+        if let Some(outages) = &self.outages {
+            outages.put_json(&mut document);
+        }
+        let plots: Vec<String> = plots.iter().map(|plot| plot.display().to_string()).collect();
+        document.insert("plots".into(), json!(plots));
         Value::Object(document)
     }
 }
 
 /// The figure: what is estimated against what is true.
-pub(super) fn panels(run: &Run, without: &[Estimate], scenario: Scenario) -> Vec<Panel> {
+pub(super) fn panels(
+    run: &Run,
+    without: &[Estimate],
+    filter: Option<&[Estimate]>,
+    scenario: Scenario,
+) -> Vec<Panel> {
     let panel = |label: &str,
                  of_truth: fn(&Truth) -> f64,
                  of_estimate: fn(&Estimate) -> f64,
@@ -120,8 +145,11 @@ pub(super) fn panels(run: &Run, without: &[Estimate], scenario: Scenario) -> Vec
             estimates.iter().map(|estimate| (run.seconds(estimate.stamp_ns), of_estimate(estimate))).collect()
         };
         let mut lines = vec![Line::new("truth", LineStyle::Truth, truth)];
+        if let Some(filter) = filter.filter(|_| compare) {
+            lines.push(Line::new("Kalman filter", LineStyle::Comparison, curve(filter)));
+        }
         if compare {
-            lines.push(Line::new("without adaptation", LineStyle::Comparison, curve(without)));
+            lines.push(Line::new("without learning", LineStyle::Comparison, curve(without)));
         }
         lines.push(Line::new("estimate", LineStyle::Estimate, curve(&run.estimates)));
         Panel::new(label, lines)
@@ -132,19 +160,18 @@ pub(super) fn panels(run: &Run, without: &[Estimate], scenario: Scenario) -> Vec
             let errors = estimates.iter().filter_map(|e| Some((run.seconds(e.stamp_ns), of(&truth(e)?, e))));
             errors.collect()
         };
-        let lines = vec![
-            Line::new("without adaptation", LineStyle::Comparison, curve(without)),
-            Line::new("estimate", LineStyle::Estimate, curve(&run.estimates)),
-        ];
-        Panel::new(label, lines)
+        let filter = filter.map(|filter| Line::new("Kalman filter", LineStyle::Comparison, curve(filter)));
+        let without = Line::new("without learning", LineStyle::Comparison, curve(without));
+        let own = Line::new("estimate", LineStyle::Estimate, curve(&run.estimates));
+        Panel::new(label, filter.into_iter().chain([without, own]).collect())
     };
     let translation = || {
         vec![
             panel("position x (m)", |t| t.position_m[0], |e| e.position_m[0], true),
-            panel("velocity x (m/s)", |t| t.velocity_m_s[0], |e| e.velocity_m_s[0], false),
-            panel("force x (N)", |t| t.matched_force_n[0], |e| e.matched_force_n[0], false),
-            panel("force y (N)", |t| t.matched_force_n[1], |e| e.matched_force_n[1], false),
-            panel("force z (N)", |t| t.matched_force_n[2], |e| e.matched_force_n[2], false),
+            panel("velocity x (m/s)", |t| t.velocity_m_s[0], |e| e.velocity_m_s[0], true),
+            panel("force x (N)", |t| t.matched_force_n[0], |e| e.matched_force_n[0], true),
+            panel("force y (N)", |t| t.matched_force_n[1], |e| e.matched_force_n[1], true),
+            panel("force z (N)", |t| t.matched_force_n[2], |e| e.matched_force_n[2], true),
             error("position error (m)", |t, e| norm(t.position_m, e.position_m)),
         ]
     };

@@ -2,7 +2,7 @@
 
 use super::axis::{Axis, Ticks};
 use super::figure::{Figure, PageSize, Panel, Shade};
-use super::look::{Look, Marker, layer, looks};
+use super::look::{BAND, Look, Marker, layer, looks};
 use super::svg::{Anchor, Point, Svg, text_width};
 use anyhow::{Context, bail};
 use std::cmp::Reverse;
@@ -155,8 +155,10 @@ impl<'a> Layout<'a> {
         };
         let (panels, log_x) = (&figure.panels, figure.log_x);
         let placed = |panel: &'a Panel| {
-            let points = panel.lines.iter().flat_map(|line| &line.points).copied();
-            points.filter(move |&point| has_place(point, log_x, panel.log_y))
+            let of_lines = panel.lines.iter().flat_map(|line| &line.points).copied();
+            let of_band = panel.band.iter().flat_map(|band| &band.points);
+            let of_band = of_band.flat_map(|&(x, low, high)| [(x, low), (x, high)]);
+            of_lines.chain(of_band).filter(move |&point| has_place(point, log_x, panel.log_y))
         };
         // A time axis ends with its data; on a logarithmic one the outermost markers need room.
         let margin = if log_x { 0.05 } else { 0.0 };
@@ -190,8 +192,12 @@ impl<'a> Layout<'a> {
         let mut shown: Vec<(&str, Look)> = Vec::new();
         for plot in &mut plots {
             let names = plot.panel.lines.iter().map(|line| line.label.as_str());
-            let entries: Vec<_> =
-                names.zip(plot.looks.iter().copied()).filter(|(label, _)| !label.is_empty()).collect();
+            let band = plot.panel.band.iter().map(|band| (band.label.as_str(), BAND));
+            let entries: Vec<_> = names
+                .zip(plot.looks.iter().copied())
+                .chain(band)
+                .filter(|(label, _)| !label.is_empty())
+                .collect();
             // A legend is repeated only where it would differ.
             if !entries.is_empty() && shown != entries {
                 cursor = plot.lay_out_legend(cursor, page.width - RIGHT_MARGIN - left);
@@ -224,6 +230,7 @@ impl<'a> Layout<'a> {
                 let (top, bottom) = (plot.top, plot.bottom);
                 svg.area(&[(left, top), (right, top), (right, bottom), (left, bottom)], SHADE);
             }
+            self.draw_band(&mut svg, plot);
             self.draw_grid(&mut svg, plot, &x_ticks);
             self.draw_lines(&mut svg, plot);
             self.draw_frame(&mut svg, plot, &x_ticks);
@@ -271,6 +278,22 @@ impl<'a> Layout<'a> {
             for y in ys.iter().map(|&y| plot.at_y(y)) {
                 svg.line(&[(self.left, y), (self.right(), y)], color, width, &[]);
             }
+        }
+    }
+
+    fn draw_band(&self, svg: &mut Svg, plot: &Plot) {
+        let Some(band) = &plot.panel.band else { return };
+        let (log_x, log_y) = (self.figure.log_x, plot.panel.log_y);
+        let fits = |&&(x, low, high): &&(f64, f64, f64)| {
+            [low, high].into_iter().all(|y| has_place((x, y), log_x, log_y))
+        };
+        let every = band.points.len().div_ceil(POINTS_PER_LINE).max(1);
+        let points: Vec<_> = band.points.iter().step_by(every).filter(fits).collect();
+        let lower = points.iter().map(|(x, low, _)| (self.at_x(*x), plot.at_y(*low)));
+        let upper = points.iter().rev().map(|(x, _, high)| (self.at_x(*x), plot.at_y(*high)));
+        let corners: Vec<Point> = lower.chain(upper).collect();
+        if corners.len() > 2 {
+            svg.area(&corners, BAND.color);
         }
     }
 
@@ -354,13 +377,15 @@ impl Plot<'_> {
         let multiplier = self.ticks.multiplier.as_ref();
         let start = multiplier.map_or(2.0, |multiplier| text_width(multiplier, TICK_SIZE) + 14.0);
         let mut x = start;
-        for (i, line) in self.panel.lines.iter().enumerate().filter(|(_, line)| !line.label.is_empty()) {
-            let entry_width = LEGEND_SAMPLE + 6.0 + text_width(&line.label, TICK_SIZE);
+        let of_lines = self.panel.lines.iter().enumerate().filter(|(_, line)| !line.label.is_empty());
+        let of_lines = of_lines.map(|(i, line)| (line.label.as_str(), self.looks[i], self.is_marked(i)));
+        let of_band = self.panel.band.iter().map(|band| (band.label.as_str(), BAND, false));
+        for (label, look, is_marked) in of_lines.chain(of_band).collect::<Vec<_>>() {
+            let entry_width = LEGEND_SAMPLE + 6.0 + text_width(label, TICK_SIZE);
             if x > start && x + entry_width > width {
                 x = start;
                 cursor += LEGEND_ROW;
             }
-            let (label, look, is_marked) = (line.label.as_str(), self.looks[i], self.is_marked(i));
             self.legend.push(LegendEntry { label, look, is_marked, x, baseline: cursor + 11.0 });
             x += entry_width + 20.0;
         }
@@ -395,7 +420,7 @@ fn draw_marker(svg: &mut Svg, (x, y): Point, look: &Look) {
 
 #[cfg(test)]
 mod tests {
-    use super::super::figure::{Line, LineStyle};
+    use super::super::figure::{Band, Line, LineStyle};
     use super::super::look::ESTIMATES;
     use super::*;
 
@@ -459,6 +484,17 @@ mod tests {
         assert_eq!(ends[1].unwrap().1, layout.right());
         assert_eq!(ends[2], None);
         assert_eq!(layout.svg().matches(SHADE).count(), 6, "two shades in three panels");
+    }
+
+    #[test]
+    fn a_band_is_one_area_in_its_panel_and_an_entry_of_the_legend() {
+        let mut figure = flight();
+        let points = (0..5).map(|i| (f64::from(i), -3.0, if i == 2 { f64::INFINITY } else { 3.0 })).collect();
+        figure.panels[1].band = Some(Band { label: "95 % band".into(), points });
+        let layout = Layout::of(&figure);
+        assert_eq!(layout.svg().matches(BAND.color).count(), 2);
+        assert!(layout.plots[1].at_y(3.0) >= layout.plots[1].top, "it lies within the axis");
+        assert!(layout.svg().contains("95 % band"));
     }
 
     #[test]

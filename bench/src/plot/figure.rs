@@ -47,13 +47,24 @@ pub(crate) struct Panel {
     pub(crate) log_y: bool,
     /// Its curves, in the order of the legend.
     pub(crate) lines: Vec<Line>,
+    /// Shaded between two curves, underneath the lines.
+    pub(crate) band: Option<Band>,
 }
 
 impl Panel {
     /// A panel with a linear y axis.
     pub(crate) fn new(y_label: &str, lines: Vec<Line>) -> Self {
-        Self { y_label: y_label.into(), log_y: false, lines }
+        Self { y_label: y_label.into(), log_y: false, lines, band: None }
     }
+}
+
+/// What lies between two curves, for example an interval of confidence.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Band {
+    /// Its name in the legend.
+    pub(crate) label: String,
+    /// (x, lower y, upper y) in the order of x. A point that is not finite is left out.
+    pub(crate) points: Vec<(f64, f64, f64)>,
 }
 
 /// One curve.

@@ -29,6 +29,9 @@ pub(super) enum Marker {
 pub(super) const ESTIMATES: [&str; 6] = ["#0072b2", "#d55e00", "#008a64", "#964682", "#222222", "#8a7000"];
 const COMPARISONS: [&str; 3] = ["#e69f00", "#56b4e9", "#cc79a7"];
 
+/// A band, as its legend shows it.
+pub(super) const BAND: Look = Look { color: "#cfe2f1", width: 9.0, dashes: &[], marker: Marker::None };
+
 /// The look of the `nth` line of this style in its panel.
 fn look(style: LineStyle, nth: usize) -> Look {
     const DASHES: [&[f64]; 4] = [&[], &[7.0, 3.5], &[9.0, 3.0, 1.8, 3.0], &[3.5, 2.5]];

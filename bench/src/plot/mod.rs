@@ -15,4 +15,4 @@ mod look;
 mod svg;
 
 pub(crate) use drawing::check_target;
-pub(crate) use figure::{Figure, Line, LineStyle, PageSize, Panel, Shade};
+pub(crate) use figure::{Band, Figure, Line, LineStyle, PageSize, Panel, Shade};
