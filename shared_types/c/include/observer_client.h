@@ -188,8 +188,9 @@ typedef struct {
   /** How far the learned force may be from that of the dense solver (N; N·m): the local solver's estimate of
    * its own error; 0 where the dense one is in use. */
   double solver_error;
-  /** max(d, d_N): the size that the theorems claim ‖e‖ settles below, if their conditions hold (`daemon check`
-   * tells). A bound, not a covariance; +∞ while coasting. */
+  /** max(d, d_N): the size that the theorems claim ‖e‖ settles below, where their conditions hold (`daemon
+   * check` tells) and the newest output confirms it; else +∞, as while coasting. A bound, not a covariance.
+   * +∞ with the joint law, which has standard deviations instead. */
   double error_bound;
   double output_age_s; /**< Time since the stamp of the newest output measurement (s); +∞ before the first. */
   /** Normalized innovation squared: e²/S of the newest output, mean over its axes. 1 in the mean where the
