@@ -7,7 +7,31 @@
 use adskalman::{
     CovarianceUpdateMethod, ObservationModel, StateAndCovariance, TransitionModelLinearNoControl,
 };
+use anyhow::Context;
+use daemon::config::{LawName, TranslationConfig};
 use nalgebra::{Matrix3, Matrix3x6, Matrix6, Matrix6x3, OMatrix, U3, U6, Vector3, Vector6};
+
+/// The filter's densities that are tried, in half decades from 1e-2 to 1e6 for a mass of 2.2 kg (N²/s).
+pub(crate) fn densities_n2_s(mass_kg: f64) -> [f64; 17] {
+    let scale = (mass_kg / 2.2).powi(2);
+    std::array::from_fn(|index| scale * 10_f64.powf(-2.0 + 0.5 * index as f64))
+}
+
+/// r, the variance of the measured velocity (m²/s²): the mean over the axes.
+pub(crate) fn noise_variance_m2_s2(translation: &TranslationConfig) -> anyhow::Result<f64> {
+    let variance = match translation.law {
+        LawName::Joint => {
+            let noise = translation.velocity_noise_m_s.context("the joint law without velocity_noise_m_s")?;
+            <[f64; 3]>::from(noise).map(|noise| noise * noise).iter().sum::<f64>() / 3.0
+        }
+        // A bound on the norm of three axes, of three deviations each.
+        LawName::Gradient => {
+            let bound = translation.noise_bound_m_s.context("the gradient law without noise_bound_m_s")?;
+            (bound / 3.0).powi(2) / 3.0
+        }
+    };
+    Ok(variance.max(1e-8))
+}
 
 /// State (v, f), its covariance, and the model.
 #[derive(Debug, Clone)]

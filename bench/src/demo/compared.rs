@@ -3,24 +3,21 @@
 //! quantity by its error against the truth.
 
 use super::errors::{Quantity, RmsMax, Run, quaternion};
-use anyhow::Context;
-use daemon::config::{ConfigFile, LawName, TranslationConfig};
+use crate::kalman::{densities_n2_s, noise_variance_m2_s2};
+use daemon::config::{ConfigFile, TranslationConfig};
 use daemon::gate::Gate;
 use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 use observer::{Sample, Velocity};
 use shared_types::payload::Estimate;
 
-/// Densities of the force's random walk in half decades from 1e-2 to 1e6, for a mass of 2.2 kg (N²/s).
-const N_DENSITIES: i32 = 17;
-const REFERENCE_MASS_KG: f64 = 2.2;
-
 /// The filter's estimates with every density; none where the configuration has no translation.
 pub(super) fn tunings(run: &Run, config: &ConfigFile) -> anyhow::Result<Vec<Vec<Estimate>>> {
     let Some(translation) = &config.config.translation else { return Ok(Vec::new()) };
-    let scale = (translation.mass_kg / REFERENCE_MASS_KG).powi(2);
-    let densities = (0..N_DENSITIES).map(|i| scale * 10_f64.powf(-2.0 + 0.5 * f64::from(i)));
     let start_m = config.config.initial.position_m.unwrap_or_default().into();
-    densities.map(|density| Ok(estimates(run, config, Filter::new(translation, density, start_m)?))).collect()
+    densities_n2_s(translation.mass_kg)
+        .into_iter()
+        .map(|density| Ok(estimates(run, config, Filter::new(translation, density, start_m)?)))
+        .collect()
 }
 
 /// The tuning with the least error of a quantity over the second half.
@@ -33,22 +30,6 @@ pub(super) fn best<'a>(
         RmsMax::over_second_half(run, estimates, quantity).map_or(f64::INFINITY, |error| error.rms)
     };
     tunings.iter().map(Vec::as_slice).min_by(|a, b| rms(a).total_cmp(&rms(b)))
-}
-
-/// r, the variance of the measured velocity (m²/s²): the mean over the axes.
-fn noise_variance(translation: &TranslationConfig) -> anyhow::Result<f64> {
-    let variance = match translation.law {
-        LawName::Joint => {
-            let noise = translation.velocity_noise_m_s.context("the joint law without velocity_noise_m_s")?;
-            <[f64; 3]>::from(noise).map(|noise| noise * noise).iter().sum::<f64>() / 3.0
-        }
-        // A bound on the norm of three axes, of three deviations each.
-        LawName::Gradient => {
-            let bound = translation.noise_bound_m_s.context("the gradient law without noise_bound_m_s")?;
-            (bound / 3.0).powi(2) / 3.0
-        }
-    };
-    Ok(variance.max(1e-8))
 }
 
 /// Position, velocity and force, one column per axis; the axes share the covariance.
@@ -75,7 +56,7 @@ impl Filter {
         force_density_n2_s: f64,
         position_m: Vector3<f64>,
     ) -> anyhow::Result<Self> {
-        let noise_variance_m2_s2 = noise_variance(translation)?;
+        let noise_variance_m2_s2 = noise_variance_m2_s2(translation)?;
         let gravity_n = translation.mass_kg * Vector3::from(translation.gravity_m_s2);
         let mut state = Matrix3::zeros();
         state.set_row(0, &position_m.transpose());

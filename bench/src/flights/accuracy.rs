@@ -1,6 +1,6 @@
 //! The accuracy of an estimator on a recorded flight: errors of the next sample's prediction, and after a coast.
 
-use crate::kalman::KalmanFilter;
+use crate::kalman::{KalmanFilter, densities_n2_s, noise_variance_m2_s2};
 use anyhow::ensure;
 use daemon::config::TranslationConfig;
 use nalgebra::Vector3;
@@ -10,11 +10,6 @@ use observer::{Learn, RigidBodyObserver, Sample, Velocity};
 pub(crate) const COAST_EVERY_S: f64 = 0.25;
 /// Coasts start after this (s).
 pub(crate) const LEARN_IN_S: f64 = 2.0;
-/// Variance of the velocity measurement in the filter (m²/s²). Its steady state depends only on q/r.
-const KALMAN_NOISE_M2_S2: f64 = 0.01;
-/// Densities of the filter's random-walk force (N²/s).
-const KALMAN_DENSITIES_N2_S: [f64; 14] =
-    [0.01, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0, 300.0, 1e3, 3e3, 1e4, 1e5, 1e6];
 
 /// Samples with an inertial velocity each, where their second half begins, and how long they are to be coasted.
 pub(crate) struct Flight {
@@ -216,6 +211,22 @@ pub(crate) fn evaluate(flight: &Flight, estimator: impl Estimator) -> anyhow::Re
     })
 }
 
+/// The mean NIS of the second half, learning; `None` with a law without deviations.
+pub(crate) fn mean_nis(flight: &Flight, mut observer: RigidBodyObserver) -> Option<f64> {
+    let (mut sum, mut count) = (0.0, 0_usize);
+    for (index, sample) in flight.samples.iter().enumerate() {
+        observer.accept(sample, Learn::ALL);
+        if index >= flight.half && sample.velocity.is_some() {
+            let estimate = observer.estimate(sample.stamp_ns);
+            if estimate.deviations.velocity_m_s[0].is_finite() {
+                sum += estimate.translation?.nis;
+                count += 1;
+            }
+        }
+    }
+    (count > 0).then(|| sum / count as f64)
+}
+
 /// The Kalman filter with each density of its force (N²/s).
 pub(crate) fn evaluate_kalman(
     flight: &Flight,
@@ -223,11 +234,12 @@ pub(crate) fn evaluate_kalman(
 ) -> anyhow::Result<Vec<(f64, Accuracy)>> {
     let known_force_n = translation.mass_kg * Vector3::from(translation.gravity_m_s2)
         + Vector3::from(translation.known_force_n);
+    let noise_variance_m2_s2 = noise_variance_m2_s2(translation)?;
     let evaluate = |q: f64| {
-        let filter = KalmanFilter::new(translation.mass_kg, q, KALMAN_NOISE_M2_S2);
+        let filter = KalmanFilter::new(translation.mass_kg, q, noise_variance_m2_s2);
         Ok((q, evaluate(flight, KalmanEstimator::new(filter, known_force_n))?))
     };
-    KALMAN_DENSITIES_N2_S.into_iter().map(evaluate).collect()
+    densities_n2_s(translation.mass_kg).into_iter().map(evaluate).collect()
 }
 
 /// The least of some error over all densities, with its density.

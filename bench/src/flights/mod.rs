@@ -3,7 +3,9 @@
 
 mod accuracy;
 mod arguments;
+mod candidate;
 mod check;
 pub(crate) mod replay;
 mod search;
+mod trace;
 pub(crate) mod tune;

@@ -9,7 +9,7 @@ use super::accuracy::{
     Accuracy, COAST_EVERY_S, Flight, LEARN_IN_S, ObserverEstimator, best, evaluate, evaluate_kalman,
 };
 use super::arguments::{FlightArguments, Replay};
-use super::check;
+use super::{check, trace};
 use crate::harness::output::{show, table};
 use crate::plot::{self, Figure, Line, LineStyle, Panel};
 use anyhow::Context;
@@ -31,6 +31,9 @@ pub(crate) struct ReplayArguments {
     /// Print one JSON document.
     #[arg(long)]
     json: bool,
+    /// Write what the law did at every sample to FILE.csv: estimate, force, deviations, NIS, weights, status.
+    #[arg(long, value_name = "FILE", conflicts_with = "check")]
+    trace: Option<PathBuf>,
     /// Draw the coasts to FILE.svg.
     #[arg(long, value_name = "FILE")]
     plot: Option<PathBuf>,
@@ -79,6 +82,9 @@ pub(crate) fn run(arguments: &ReplayArguments) -> anyhow::Result<()> {
     let Replay { config, flight, samples_rejected, rows_skipped } = arguments.flight.read()?;
     let translation = config.config.translation.as_ref().context("the configuration has no [translation]")?;
     let observer = assemble::rigid_body(&config)?;
+    if let Some(file) = &arguments.trace {
+        trace::write(&flight, observer.clone(), file)?;
+    }
     let learning = evaluate(&flight, ObserverEstimator(observer.clone(), Learn::ALL))?;
     let fixed = evaluate(&flight, ObserverEstimator(observer, Learn::FROZEN))?;
     let kalman = evaluate_kalman(&flight, translation)?;
@@ -146,7 +152,7 @@ fn print_table(document: &Document) {
     let header = ["estimator", "next sample (m/s)", &coast, "coast, whole flight (m/s)"];
     let rows = document.rows.iter().map(|row| {
         let with_q = |value: f64, q: Option<f64>| match q {
-            Some(q) => format!("{value:.4}  (q = {q} N²/s)"),
+            Some(q) => format!("{value:.4}  (q = {q:.3} N²/s)"),
             None => format!("{value:.4}"),
         };
         [

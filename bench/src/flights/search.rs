@@ -6,9 +6,8 @@
 //!
 //! with c the geometric mean of the errors after a coast, s that of the next sample's prediction, and ₀ those of the
 //! configuration to start from. Ratios give a fast manoeuvre the same weight as a calm second. The search
-//! (Nelder–Mead, from several simplices) runs in the logarithms of λ, Γ, ℓ, the dead zone and the centers' spacing over
-//! ℓ. A configuration that the observer refuses as unstable costs more than any other, so only provably stable ones are
-//! chosen.
+//! (Nelder–Mead, from several simplices) runs in the logarithms of the few numbers of the law that matter (`candidate`). A
+//! configuration that the observer refuses, as unstable say, costs more than any other, so only accepted ones are chosen.
 //!
 //! The chosen configuration has the least `J + μ ‖q‖²` of all candidates, with q the logarithms of its values over those of
 //! the start. The second term prefers configurations near the start. μ is cross-validated over time: the candidate that is
@@ -16,48 +15,30 @@
 //! used (Breiman et al., *Classification and Regression Trees*, 1984, §3.4.3).
 
 use super::accuracy::{Finding, Flight, ObserverEstimator, fly};
+use super::candidate::{N_NUMBERS, Numbers};
 use anyhow::{Context, ensure};
 use argmin::core::{CostFunction, Executor};
 use argmin::solver::neldermead::NelderMead;
 use daemon::assemble;
-use daemon::config::{ConfigFile, LengthScaleConfig, SymmetricMatrix, TranslationConfig};
+use daemon::config::ConfigFile;
 use indicatif::ProgressBar;
 use nalgebra::Vector3;
 use observer::Learn;
-use serde::Serialize;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 /// Blocks of the cross-validation.
 const N_BLOCKS: usize = 3;
-/// The exact solver is used up to this number of centers; no more are tried.
-const MAX_CENTERS: usize = 1000;
 /// The cost of a candidate that is refused, or lies outside of the bounds. The cost of any other is far lower.
 const REFUSED: f64 = 1e3;
 /// The values of μ, the price of the distance from the start; with the last one hardly any step pays.
 const PRICES: [f64; 9] = [0.0, 0.001, 0.003, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0];
-/// Factors on λ, Γ, ℓ, the dead zone and the spacing from which the searches start.
-const STARTS: [[f64; 5]; 4] =
-    [[1.0; 5], [1.0, 0.1, 1.0, 1.0, 1.0], [2.0, 1.0, 2.0, 0.5, 1.0], [0.5, 0.2, 0.5, 1.0, 1.0]];
 /// Errors below this count as this (m/s).
 const MIN_ERROR_M_S: f64 = 1e-6;
 /// A panic in a search ends the program.
 const UNPOISONED: &str = "no search panicked";
 /// Edge of the first simplex, as a factor.
 const EDGE: f64 = 1.6;
-
-/// The numbers that are searched.
-#[derive(Debug, Clone, Copy, Serialize)]
-pub(super) struct Values {
-    pub(super) mass_kg: f64,
-    pub(super) gain_per_s: f64,
-    pub(super) adaptation_rate_kg_s2: f64,
-    pub(super) length_scale_m_s: f64,
-    pub(super) dead_zone_width_m_s: f64,
-    pub(super) centers_lower_m_s: [f64; 3],
-    pub(super) centers_upper_m_s: [f64; 3],
-    pub(super) centers_per_axis: [usize; 3],
-}
 
 /// A candidate that was tried: its coordinates, and the typical errors of coast and next sample in each block.
 struct Tried {
@@ -68,9 +49,8 @@ struct Tried {
 /// Coordinates to configurations to costs.
 pub(super) struct Search<'a> {
     start: &'a ConfigFile,
-    base: Values,
-    /// Distance of the start's centers over its length scale.
-    start_spacing: f64,
+    base: Numbers,
+    origin: [f64; N_NUMBERS],
     flight: &'a Flight,
     coast_weight: f64,
     with_mass: bool,
@@ -82,7 +62,7 @@ pub(super) struct Search<'a> {
 
 /// The result of a search.
 pub(super) struct Chosen {
-    pub(super) values: Values,
+    pub(super) numbers: Numbers,
     pub(super) config: ConfigFile,
     /// μ.
     pub(super) price: f64,
@@ -90,43 +70,6 @@ pub(super) struct Chosen {
     pub(super) cross_validated_ratio: f64,
     pub(super) n_tried: usize,
     pub(super) n_refused: usize,
-}
-
-/// The start's own numbers; the box of its centers widened to the velocities flown, with a tenth of their range to spare.
-fn values_of(translation: &TranslationConfig, flight: &Flight) -> anyhow::Result<Values> {
-    let lattice =
-        (translation.centers_lower_m_s, translation.centers_upper_m_s, translation.centers_per_axis);
-    let (Some(lower), Some(upper), Some(per_axis)) = lattice else {
-        anyhow::bail!("the configuration lists its centers; needed: a lattice (centers_lower_m_s and so on)");
-    };
-    let (lowest, highest) = (flight.extreme_velocity(f64::min), flight.extreme_velocity(f64::max));
-    let room: [f64; 3] = std::array::from_fn(|axis| 0.1 * (highest[axis] - lowest[axis]));
-    let not_gradient = "found law = \"joint\"; needed: law = \"gradient\", whose numbers are searched";
-    let length_scale_m_s = match translation.length_scale_m_s.as_ref().context(not_gradient)? {
-        LengthScaleConfig::Isotropic(scale) => *scale,
-        LengthScaleConfig::PerAxis(scales) => scales.iter().sum::<f64>() / scales.len() as f64,
-    };
-    let adaptation_rate_kg_s2 = match translation.adaptation_rate_kg_s2.context(not_gradient)? {
-        SymmetricMatrix::Scalar(rate) => rate,
-        SymmetricMatrix::Diagonal(rates) => rates.iter().sum::<f64>() / 3.0,
-        SymmetricMatrix::Full(rows) => (rows[0][0] + rows[1][1] + rows[2][2]) / 3.0,
-    };
-    Ok(Values {
-        mass_kg: translation.mass_kg,
-        gain_per_s: translation.gain_per_s.context(not_gradient)?,
-        adaptation_rate_kg_s2,
-        length_scale_m_s,
-        dead_zone_width_m_s: translation.dead_zone_width_m_s.context(not_gradient)?,
-        centers_lower_m_s: std::array::from_fn(|axis| lower[axis].min(lowest[axis] - room[axis])),
-        centers_upper_m_s: std::array::from_fn(|axis| upper[axis].max(highest[axis] + room[axis])),
-        centers_per_axis: per_axis,
-    })
-}
-
-fn spacing_of(values: &Values) -> f64 {
-    let edge_m_s = values.centers_upper_m_s[0] - values.centers_lower_m_s[0];
-    let n_gaps = values.centers_per_axis[0].saturating_sub(1).max(1) as f64;
-    (edge_m_s / n_gaps / values.length_scale_m_s).clamp(0.25, 1.8)
 }
 
 impl<'a> Search<'a> {
@@ -139,11 +82,11 @@ impl<'a> Search<'a> {
         bar: &'a ProgressBar,
     ) -> anyhow::Result<Self> {
         let translation = start.config.translation.as_ref();
-        let base = values_of(translation.context("the configuration has no [translation]")?, flight)?;
+        let base = Numbers::of(translation.context("the configuration has no [translation]")?, flight)?;
         Ok(Self {
             start,
             base,
-            start_spacing: spacing_of(&base),
+            origin: base.origin(),
             flight,
             coast_weight,
             with_mass,
@@ -160,11 +103,11 @@ impl<'a> Search<'a> {
         let tried = std::mem::take(self.tried.get_mut().expect(UNPOISONED));
         let (price, cross_validated_cost) = self.price(&tried);
         let chosen = self.best_of(&tried, None, price).context("every configuration was refused")?;
-        let values = self.values(&chosen.coordinates).context("the best one is within the bounds")?;
+        let numbers = self.base.at(&chosen.coordinates).context("the best one is within the bounds")?;
         let n_refused = *self.refused.get_mut();
         Ok(Chosen {
-            config: self.config(&values),
-            values,
+            config: self.base.config(&numbers, self.start),
+            numbers,
             price,
             cross_validated_ratio: cross_validated_cost.exp(),
             n_tried: tried.len() + n_refused,
@@ -172,74 +115,19 @@ impl<'a> Search<'a> {
         })
     }
 
-    /// Coordinates: logarithms of the factors on λ, Γ, ℓ and d, of the spacing over ℓ, and of the factor on m.
-    fn values(&self, coordinates: &[f64]) -> Option<Values> {
-        let factor = |index: usize| coordinates[index].exp();
-        let base = &self.base;
-        let mass_factor = if self.with_mass { factor(5) } else { 1.0 };
-        let length_scale_m_s = base.length_scale_m_s * factor(2);
-        let spacing_m_s = length_scale_m_s * factor(4);
-        let centers_per_axis: [usize; 3] = std::array::from_fn(|axis| {
-            let edge_m_s = base.centers_upper_m_s[axis] - base.centers_lower_m_s[axis];
-            // A float becomes the nearest usize, whatever it is.
-            ((edge_m_s / spacing_m_s).round() as usize).saturating_add(1).max(2)
-        });
-        let n_centers = centers_per_axis.iter().fold(1_usize, |n, &each| n.saturating_mul(each));
-        let within = coordinates.iter().all(|c| c.abs() < 50_f64.ln())
-            && (0.75..=1.25).contains(&mass_factor)
-            && (0.2..=2.0).contains(&factor(4))
-            && n_centers <= MAX_CENTERS;
-        within.then(|| Values {
-            mass_kg: base.mass_kg * mass_factor,
-            gain_per_s: base.gain_per_s * factor(0),
-            adaptation_rate_kg_s2: base.adaptation_rate_kg_s2 * factor(1),
-            length_scale_m_s,
-            dead_zone_width_m_s: base.dead_zone_width_m_s * factor(3),
-            centers_per_axis,
-            ..*base
-        })
-    }
-
-    fn config(&self, values: &Values) -> ConfigFile {
-        let mut file = self.start.clone();
-        let translation = file.config.translation.as_mut().expect("the start has one");
-        let factor = values.dead_zone_width_m_s / self.base.dead_zone_width_m_s;
-        translation.dead_zone_buffer_m_s = translation.dead_zone_buffer_m_s.map(|buffer| buffer * factor);
-        translation.dead_zone_width_m_s = Some(values.dead_zone_width_m_s);
-        translation.mass_kg = values.mass_kg;
-        translation.gain_per_s = Some(values.gain_per_s);
-        // Axes keep their proportions.
-        let factor = values.adaptation_rate_kg_s2 / self.base.adaptation_rate_kg_s2;
-        match &mut translation.adaptation_rate_kg_s2 {
-            Some(SymmetricMatrix::Scalar(rate)) => *rate *= factor,
-            Some(SymmetricMatrix::Diagonal(rates)) => rates.iter_mut().for_each(|rate| *rate *= factor),
-            Some(SymmetricMatrix::Full(rows)) => rows.iter_mut().flatten().for_each(|rate| *rate *= factor),
-            None => {}
-        }
-        let factor = values.length_scale_m_s / self.base.length_scale_m_s;
-        match &mut translation.length_scale_m_s {
-            Some(LengthScaleConfig::Isotropic(scale)) => *scale *= factor,
-            Some(LengthScaleConfig::PerAxis(scales)) => scales.iter_mut().for_each(|scale| *scale *= factor),
-            None => {}
-        }
-        translation.centers_lower_m_s = Some(values.centers_lower_m_s);
-        translation.centers_upper_m_s = Some(values.centers_upper_m_s);
-        translation.centers_per_axis = Some(values.centers_per_axis);
-        file
-    }
-
     /// Nelder–Mead from each start, all at once, then once more from the best of all.
     fn descend(&self, n_evaluations: u64) -> anyhow::Result<()> {
-        let each = n_evaluations / (STARTS.len() as u64 + 1);
-        let corner = |factors: [f64; 5]| {
-            let mut corner: Vec<f64> = factors.iter().map(|factor| factor.ln()).collect();
-            corner[4] += self.start_spacing.ln();
+        let starts = self.base.starts();
+        let each = n_evaluations / (starts.len() as u64 + 1);
+        let corner = |factors: [f64; N_NUMBERS]| {
+            let mut corner: Vec<f64> =
+                factors.iter().zip(self.origin).map(|(factor, origin)| origin + factor.ln()).collect();
             corner.extend(self.with_mass.then_some(0.0));
             corner
         };
         std::thread::scope(|scope| {
             let searches =
-                STARTS.map(|factors| scope.spawn(move || self.descend_from(corner(factors), each)));
+                starts.map(|factors| scope.spawn(move || self.descend_from(corner(factors), each)));
             searches.into_iter().try_for_each(|search| search.join().expect("a search does not panic"))
         })?;
         let best = self
@@ -251,7 +139,7 @@ impl<'a> Search<'a> {
     fn descend_from(&self, corner: Vec<f64>, n_evaluations: u64) -> anyhow::Result<()> {
         let mut simplex = vec![corner.clone()];
         for axis in 0..corner.len() {
-            let edge = if axis == 5 { 1.05_f64.ln() } else { EDGE.ln() };
+            let edge = if axis == N_NUMBERS { 1.05_f64.ln() } else { EDGE.ln() };
             let mut point = corner.clone();
             point[axis] += if axis % 2 == 0 { edge } else { -edge };
             simplex.push(point);
@@ -286,9 +174,8 @@ impl<'a> Search<'a> {
 
     /// Squared distance from the start, in logarithms.
     fn distance(&self, coordinates: &[f64]) -> f64 {
-        let square =
-            |(index, c): (usize, &f64)| if index == 4 { c - self.start_spacing.ln() } else { *c }.powi(2);
-        coordinates.iter().enumerate().map(square).sum()
+        let origins = self.origin.into_iter().chain([0.0]);
+        coordinates.iter().zip(origins).map(|(c, origin)| (c - origin).powi(2)).sum()
     }
 
     /// The highest price whose cost, on blocks that did not choose, is within a standard error of the least one's
@@ -328,7 +215,8 @@ impl CostFunction for Shared<'_, '_> {
         let search = self.0;
         search.bar.inc(1);
         let far = coordinates.iter().map(|c| c.abs()).sum::<f64>();
-        let config = search.values(coordinates).map(|values| search.config(&values));
+        let numbers = search.base.at(coordinates);
+        let config = numbers.map(|numbers| search.base.config(&numbers, search.start));
         let blocks = config.and_then(|config| block_errors(search.flight, &config).ok());
         let Some(blocks) = blocks.filter(|blocks| blocks.iter().flatten().all(|e| e.is_finite())) else {
             search.refused.fetch_add(1, Ordering::Relaxed);

@@ -1,9 +1,10 @@
 //! `bench tune`: searches a configuration of the translation on the first half of a recorded flight (`search`), and evaluates
 //! it on the second half, which the search does not use.
 
-use super::accuracy::{Flight, ObserverEstimator, best, evaluate, evaluate_kalman};
+use super::accuracy::{Flight, ObserverEstimator, best, evaluate, evaluate_kalman, mean_nis};
 use super::arguments::{FlightArguments, Replay};
-use super::search::{Search, Values};
+use super::candidate::Numbers;
+use super::search::Search;
 use crate::harness::output::{progress_bar, show, table};
 use anyhow::{Context, ensure};
 use clap::Args;
@@ -36,11 +37,13 @@ pub(crate) struct TuneArguments {
     json: bool,
 }
 
-/// Errors of one configuration on one part of the flight (m/s).
+/// Errors of one configuration on one part of the flight (m/s), and its mean NIS.
 #[derive(Debug, Clone, Copy, Serialize)]
 struct Errors {
     one_step_rms_m_s: f64,
     coast_rms_m_s: f64,
+    /// 1 where the noises are right; none with a law without deviations.
+    nis: Option<f64>,
 }
 
 /// The document of `--json`.
@@ -61,9 +64,9 @@ struct Document {
     cross_validated_ratio: f64,
     /// Of the second half, which the search does not use: before, after.
     second_half: [Errors; 2],
-    /// The best of each of a Kalman filter's columns there.
+    /// The best of each of a Kalman filter's columns there, with the mass of the configuration that was found.
     kalman_second_half: Errors,
-    values: Values,
+    values: Numbers,
 }
 
 /// Runs `bench tune`.
@@ -80,11 +83,14 @@ pub(crate) fn run(arguments: &TuneArguments) -> anyhow::Result<()> {
     bar.finish_and_clear();
 
     let tuned = &chosen.config;
-    let translation = start.config.translation.as_ref().context("the configuration has no [translation]")?;
+    let translation = tuned.config.translation.as_ref().context("the configuration has no [translation]")?;
     let errors = |config: &ConfigFile, flight: &Flight| -> anyhow::Result<Errors> {
         let accuracy = evaluate(flight, ObserverEstimator(assemble::rigid_body(config)?, Learn::ALL))?;
-        let (one_step_rms_m_s, coast_rms_m_s) = (accuracy.one_step_rms_m_s, accuracy.coast_rms_m_s);
-        Ok(Errors { one_step_rms_m_s, coast_rms_m_s })
+        Ok(Errors {
+            one_step_rms_m_s: accuracy.one_step_rms_m_s,
+            coast_rms_m_s: accuracy.coast_rms_m_s,
+            nis: mean_nis(flight, assemble::rigid_body(config)?),
+        })
     };
     let second_half = [errors(&start, &flight)?, errors(tuned, &flight)?];
     let kalman = evaluate_kalman(&flight, translation)?;
@@ -104,8 +110,9 @@ pub(crate) fn run(arguments: &TuneArguments) -> anyhow::Result<()> {
         kalman_second_half: Errors {
             one_step_rms_m_s: best(&kalman, |accuracy| accuracy.one_step_rms_m_s).1.one_step_rms_m_s,
             coast_rms_m_s: best(&kalman, |accuracy| accuracy.coast_rms_m_s).1.coast_rms_m_s,
+            nis: None,
         },
-        values: chosen.values,
+        values: chosen.numbers,
     };
     if improved {
         let text = head(&document) + &tuned.commented_toml();
@@ -123,7 +130,7 @@ fn head(document: &Document) -> String {
     format!(
         "# Tuned by `bench tune` on the first half of {}, starting from {}.\n\
          # Coast of {} s: {:.4} m/s before, {:.4} after, on the second half, which the search never saw;\n\
-         # {:.4} and {:.4} on the half it was tuned on. Next sample: {:.4} and {:.4} m/s on the second half.\n",
+         # {:.4} and {:.4} on the half it was tuned on. Next sample: {:.4} and {:.4} m/s on the second half.{}\n",
         document.file,
         document.start,
         document.coast_s,
@@ -133,28 +140,22 @@ fn head(document: &Document) -> String {
         trained_after.coast_rms_m_s,
         before.one_step_rms_m_s,
         after.one_step_rms_m_s,
+        match (before.nis, after.nis) {
+            (Some(before), Some(after)) =>
+                format!("\n# Mean NIS: {before:.2} and {after:.2} on the second half."),
+            _ => String::new(),
+        },
     )
 }
 
 fn print(document: &Document) {
-    let Values { centers_lower_m_s: lower, centers_upper_m_s: upper, centers_per_axis: n, .. } =
-        document.values;
     outln!(
-        "{}, from {}: {} configurations tried, {} refused\n\
-         mass {:.3} kg, gain {:.3} 1/s, adaptation rate {:.3} kg/s², length scale {:.3} m/s, dead zone {:.4} m/s,\n\
-         centers {} × {} × {} from {lower:.2?} to {upper:.2?} m/s",
+        "{}, from {}: {} configurations tried, {} refused\n{}",
         document.file,
         document.start,
         document.evaluations,
         document.refused_as_unstable_or_out_of_bounds,
-        document.values.mass_kg,
-        document.values.gain_per_s,
-        document.values.adaptation_rate_kg_s2,
-        document.values.length_scale_m_s,
-        document.values.dead_zone_width_m_s,
-        n[0],
-        n[1],
-        n[2],
+        document.values.words(),
     );
     let coast = format!("{} s coast (m/s)", document.coast_s);
     let rows = [
@@ -162,13 +163,13 @@ fn print(document: &Document) {
         ("first half, tuned on: after", document.tuned_on[1]),
         ("second half, never seen: before", document.second_half[0]),
         ("second half, never seen: after", document.second_half[1]),
-        ("second half, Kalman filter, best of 14", document.kalman_second_half),
+        ("second half, Kalman filter with that mass", document.kalman_second_half),
     ];
     let rows = rows.map(|(name, errors)| {
         let [step, coast] = [errors.one_step_rms_m_s, errors.coast_rms_m_s].map(|v| format!("{v:.4}"));
-        [name.to_owned(), step, coast]
+        [name.to_owned(), step, coast, errors.nis.map_or("-".into(), |nis| format!("{nis:.2}"))]
     });
-    outln!("{}", table(&["RMS of the velocity error's norm", "next sample (m/s)", &coast], 1, rows));
+    outln!("{}", table(&["RMS of the velocity error's norm", "next sample (m/s)", &coast, "NIS"], 1, rows));
     outln!(
         "cross-validated over time: {:.2} times the start's errors on thirds that did not choose; price of distance {}",
         document.cross_validated_ratio,

@@ -1,6 +1,6 @@
 use super::*;
 use crate::PriorDeviations;
-use crate::law::joint::tests::paper_design;
+use crate::designs::joint_law;
 use crate::{Centers, LengthScale};
 
 const PERIOD_NS: u64 = 5_000_000;
@@ -11,8 +11,7 @@ fn design() -> JointChannelDesign {
     let filter = JointDesign {
         length_scale: LengthScale::Isotropic(4.0),
         centers: Centers::lattice([-4.0; 3], [4.0; 3], [3; 3]).unwrap(),
-        noise: [NOISE_M_S; 3],
-        ..paper_design()
+        ..joint_law([NOISE_M_S; 3])
     };
     JointChannelDesign { filter, inertia: Matrix3::identity() * MASS_KG, hold_s: 0.0075 }
 }

@@ -1,6 +1,6 @@
 use super::*;
 use crate::channels::ChannelState;
-use crate::designs::body_channel;
+use crate::designs::{body_channel, joint_law};
 use crate::innovation_gate::{InnovationGate, OutlierAction};
 use crate::law::channel::BodyChannel;
 use crate::law::dead_zone::{DeadZone, DeadZoneShape};
@@ -408,6 +408,54 @@ fn a_body_velocity_is_turned_into_the_inertial_frame() {
         let velocity = observer.estimate(START_NS).velocity_m_s;
         assert!((velocity - Vector3::new(0.0, 2.0, 0.0)).norm() < 1e-12);
     }
+}
+
+/// With the joint law, too; the noise is the largest of the axes and that of the direction.
+#[test]
+fn with_the_joint_law_a_body_velocity_is_turned_and_is_no_surer_than_an_inertial_one() {
+    let turn = UnitQuaternion::new(Vector3::new(0.1, -0.2, 1.0));
+    let fly = |turned_by: Option<UnitQuaternion<f64>>| {
+        let channel = |noise| JointChannelDesign {
+            filter: joint_law(noise),
+            inertia: Matrix3::identity(),
+            hold_s: 0.0075,
+        };
+        let translation =
+            JointTranslationDesign { channel: channel([0.01, 0.02, 0.05]), known_force_n: Vector3::zeros() };
+        let rotation = JointRotationDesign {
+            channel: channel([0.01; 3]),
+            gyroscopic_torque: GyroscopicTorque::Learned,
+            attitude_noise_rad: 0.01,
+            bias_std_rad_s: 0.0,
+            bias_walk_rad_s_sqrt_s: 0.0,
+        };
+        let laws = (TranslationLaw::Joint(translation), RotationLaw::Joint(rotation));
+        let mut observer =
+            RigidBodyObserver::new(Some(laws.0), Some(laws.1), InitialState::default()).unwrap();
+        for j in 0..400 {
+            let t_s = j as f64 * PERIOD_NS as f64 / 1e9;
+            let velocity = Vector3::new(t_s.sin(), 0.5, (2.0 * t_s).cos());
+            let sample = Sample {
+                stamp_ns: START_NS + j * PERIOD_NS,
+                velocity: Some(match turned_by {
+                    Some(turn) => Velocity::Body(turn.inverse() * velocity),
+                    None => Velocity::Inertial(velocity),
+                }),
+                angular_velocity_rad_s: Some(Vector3::zeros()),
+                attitude: Some(turn),
+                force_n: Some(Vector3::new(t_s.cos(), 0.0, -2.0 * (2.0 * t_s).sin())),
+                ..Sample::default()
+            };
+            observer.accept(&sample, Learn::ALL);
+        }
+        let end_s = 399.0 * PERIOD_NS as f64 / 1e9;
+        let estimate = observer.estimate(START_NS + 399 * PERIOD_NS);
+        let error = estimate.velocity_m_s - Vector3::new(end_s.sin(), 0.5, (2.0 * end_s).cos());
+        assert!(error.norm() < 0.01, "{error}");
+        estimate.deviations.velocity_m_s
+    };
+    let (inertial, body) = (fly(None), fly(Some(turn)));
+    assert!((0..3).all(|axis| body[axis] >= inertial[axis]), "{inertial:?} {body:?}");
 }
 
 #[test]

@@ -3,8 +3,8 @@
 
 use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
 use observer::{
-    Centers, ChannelDesign, DeadZone, DeadZoneShape, DisturbanceBounds, GradientOptions, Kernel, LengthScale,
-    LinearDesign, Solver,
+    Centers, ChannelDesign, DeadZone, DeadZoneShape, DisturbanceBounds, ExcitationDesign, GradientOptions,
+    JointDesign, Kernel, LengthScale, LinearDesign, PriorDeviations, Solver,
 };
 
 /// The paper's translation but for inertia, rate and dead zone: 27 centers on [−1, 1]³, λ = 10 1/s.
@@ -50,6 +50,37 @@ pub(crate) fn oscillator() -> LinearDesign {
         hold_s: 0.0075,
         coast_step_s: 0.005,
         initial_state: Some(DVector::from_vec(vec![0.5, 0.0])),
+    }
+}
+
+/// The joint law of the paper's first example with the defaults of the translation: docs/method.md §10. Noise in m/s.
+pub(crate) fn joint_law(noise: [f64; 3]) -> JointDesign {
+    JointDesign {
+        kernel: Kernel::SobolevMatern { dimension: 3, order: 3 },
+        length_scale: LengthScale::Isotropic(2.2),
+        centers: Centers::lattice([-2.2; 3], [2.2; 3], [3; 3]).unwrap(),
+        prior: PriorDeviations {
+            bias: 0.5,
+            linear: 0.3,
+            kernel: 0.35,
+            input: 0.15,
+            lag: 0.3,
+            disturbance: 0.1,
+        },
+        disturbance_time_s: 0.2,
+        process_noise: 1.5e-3,
+        motion_memory_s: 300.0,
+        input_memory_s: 3600.0,
+        lags_s: [0.05, 0.2],
+        noise,
+        position_noise: None,
+        noise_samples: 500.0,
+        excitation: ExcitationDesign {
+            correction_share: 0.3,
+            mean_time_s: 5.0,
+            variation_time_s: 0.2,
+            idle_rate: 0.05,
+        },
     }
 }
 

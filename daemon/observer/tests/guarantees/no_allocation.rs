@@ -1,6 +1,6 @@
 //! After construction the observer allocates nothing, neither while it learns nor while it coasts.
 
-use crate::designs::{body_channel, oscillator};
+use crate::designs::{body_channel, joint_law, oscillator};
 use crate::{isotropic, zone};
 use allocation_counter::measure;
 use nalgebra::{UnitQuaternion, Vector3};
@@ -43,8 +43,11 @@ fn an_observer_allocates_nothing_after_construction(solver: Solver) {
 #[test]
 fn with_the_joint_law_accepting_estimating_and_restoring_allocate_nothing() {
     for noise in [[0.01; 3], [0.01, 0.02, 0.03]] {
-        let channel =
-            || JointChannelDesign { filter: joint_law(noise), inertia: isotropic(4.0), hold_s: 0.0075 };
+        let channel = || JointChannelDesign {
+            filter: JointDesign { position_noise: Some(0.5), ..joint_law(noise) },
+            inertia: isotropic(4.0),
+            hold_s: 0.0075,
+        };
         let translation = JointTranslationDesign { channel: channel(), known_force_n: Vector3::zeros() };
         let rotation = JointRotationDesign {
             channel: channel(),
@@ -57,36 +60,6 @@ fn with_the_joint_law_accepting_estimating_and_restoring_allocate_nothing() {
             TranslationLaw::Joint(translation),
             RotationLaw::Joint(rotation),
         );
-    }
-}
-
-fn joint_law(noise: [f64; 3]) -> JointDesign {
-    JointDesign {
-        kernel: Kernel::SobolevMatern { dimension: 3, order: 3 },
-        length_scale: LengthScale::Isotropic(1.0),
-        centers: Centers::lattice([-1.0; 3], [1.0; 3], [3; 3]).unwrap(),
-        prior: PriorDeviations {
-            bias: 0.5,
-            linear: 0.3,
-            kernel: 0.35,
-            input: 0.15,
-            lag: 0.3,
-            disturbance: 0.1,
-        },
-        disturbance_time_s: 0.2,
-        process_noise: 1e-3,
-        motion_memory_s: 300.0,
-        input_memory_s: 3600.0,
-        lags_s: [0.05, 0.2],
-        noise,
-        position_noise: Some(0.5),
-        noise_samples: 500.0,
-        excitation: ExcitationDesign {
-            correction_share: 0.3,
-            mean_time_s: 5.0,
-            variation_time_s: 0.2,
-            idle_rate: 0.05,
-        },
     }
 }
 

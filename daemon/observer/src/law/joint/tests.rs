@@ -1,44 +1,14 @@
 //! The values of the paper's first example, as an independent program computes them.
 
-use super::design::{ExcitationDesign, JointDesign, PriorDeviations};
+use super::design::{JointDesign, PriorDeviations};
 use super::filter::JointFilter;
 use super::predict::LearnedAcceleration;
 use super::rows::{DISTURBANCE, KERNEL, POSITION, VELOCITY, WEIGHTS};
 use super::teaches::Teaches;
-use crate::{Centers, Kernel, LengthScale};
+use crate::designs::joint_law;
 use nalgebra::Vector3;
 
 const MASS_KG: f64 = 4.0;
-
-pub(crate) fn paper_design() -> JointDesign {
-    JointDesign {
-        kernel: Kernel::SobolevMatern { dimension: 3, order: 3 },
-        length_scale: LengthScale::Isotropic(2.2),
-        centers: Centers::lattice([-2.2; 3], [2.2; 3], [3; 3]).unwrap(),
-        prior: PriorDeviations {
-            bias: 0.5,
-            linear: 0.3,
-            kernel: 0.35,
-            input: 0.15,
-            lag: 0.3,
-            disturbance: 0.1,
-        },
-        disturbance_time_s: 0.2,
-        process_noise: 1.5e-3,
-        motion_memory_s: 300.0,
-        input_memory_s: 3600.0,
-        lags_s: [0.05, 0.2],
-        noise: [0.01; 3],
-        position_noise: None,
-        noise_samples: 500.0,
-        excitation: ExcitationDesign {
-            correction_share: 0.3,
-            mean_time_s: 5.0,
-            variation_time_s: 0.2,
-            idle_rate: 0.05,
-        },
-    }
-}
 
 fn force_n(v: &Vector3<f64>) -> Vector3<f64> {
     Vector3::new((v.x * v.x).cos(), (v.y * v.y).sin() + v.x.sin(), v.z.cos() + v.y.sin())
@@ -132,17 +102,17 @@ const REFERENCE: &str = include_str!("../../../tests/joint_reference.csv");
 #[test]
 fn the_paper_s_first_example_gives_the_values_of_an_independent_program() {
     let even = |name, design| Run { name, design, step_ms: |_| 5, is_missing: |_| false, spike_m_s: |_| 0.0 };
-    let mut plain = paper_design();
+    let mut plain = joint_law([0.01; 3]);
     (plain.noise_samples, plain.excitation.correction_share) = (0.0, 0.0);
-    let axes = JointDesign { noise: [0.01, 0.02, 0.005], ..paper_design() };
+    let axes = JointDesign { noise: [0.01, 0.02, 0.005], ..joint_law([0.01; 3]) };
     let runs = [
-        even("even", paper_design()),
+        even("even", joint_law([0.01; 3])),
         even("plain", plain),
-        Run { step_ms: |j| 2 + j * 7919 % 6, ..even("uneven", paper_design()) },
-        Run { is_missing: |j| j % 7 == 6, ..even("missing", paper_design()) },
+        Run { step_ms: |j| 2 + j * 7919 % 6, ..even("uneven", joint_law([0.01; 3])) },
+        Run { is_missing: |j| j % 7 == 6, ..even("missing", joint_law([0.01; 3])) },
         Run {
             spike_m_s: |j| if j % 50 == 49 { if j / 50 % 2 == 0 { 1.0 } else { -1.0 } } else { 0.0 },
-            ..even("spikes", paper_design())
+            ..even("spikes", joint_law([0.01; 3]))
         },
         even("axes", axes),
     ];
@@ -181,7 +151,7 @@ impl Random {
 /// Without features, without noise levels that follow: the textbook's filter for v' = a + d, d' = −d/τ.
 #[test]
 fn without_features_it_is_the_kalman_filter_with_a_gauss_markov_disturbance() {
-    let mut design = paper_design();
+    let mut design = joint_law([0.01; 3]);
     design.prior =
         PriorDeviations { bias: 0.0, linear: 0.0, kernel: 0.0, input: 0.0, lag: 0.0, disturbance: 0.7 };
     (design.noise_samples, design.excitation.correction_share) = (0.0, 0.0);
@@ -229,7 +199,7 @@ fn without_features_it_is_the_kalman_filter_with_a_gauss_markov_disturbance() {
 
 /// A design that forgets nothing, with neither process noise nor disturbance.
 fn without_forgetting() -> JointDesign {
-    let mut design = paper_design();
+    let mut design = joint_law([0.01; 3]);
     (design.noise_samples, design.excitation.correction_share) = (0.0, 0.0);
     (design.motion_memory_s, design.input_memory_s) = (1e15, 1e15);
     (design.process_noise, design.prior.disturbance) = (0.0, 0.0);
@@ -322,7 +292,7 @@ fn the_error_of_the_learned_acceleration_is_within_the_deviation_times_the_norm(
 /// positive definite.
 #[test]
 fn the_weights_covariance_never_exceeds_the_prior_excited_or_not() {
-    let design = paper_design();
+    let design = joint_law([0.01; 3]);
     let mut filter = JointFilter::new(&design).unwrap();
     let mut state = filter.new_state();
     let mut random = Random(4);
