@@ -1,7 +1,7 @@
 //! The command line of `bench`.
 
 use crate::flights::{replay, tune};
-use crate::{demo, hover, ipc, jitter, load, paper, service, soak, step};
+use crate::{accuracy, demo, hover, ipc, jitter, load, paper, service, soak, step};
 use clap::{Parser, Subcommand};
 use daemon::config::ConfigError;
 use rustix::process::{Signal, set_parent_process_death_signal};
@@ -97,6 +97,13 @@ Examples:
   bench hover
   bench hover --minutes 60 --plot hover.svg")]
     Hover(hover::HoverArguments),
+    /// Accuracy on many flights, beside other estimators: every flight of a directory, one configuration, a table and a page.
+    #[command(after_help = "\
+Examples:
+  bench accuracy flights --html accuracy.html
+  bench accuracy monday.log --warm sunday.log
+  bench accuracy --simulated --json")]
+    Accuracy(accuracy::AccuracyArguments),
     /// Accuracy on a recorded flight, beside a Kalman filter; offline. Or: whether a flight record replays to the bit.
     #[command(after_help = "\
 Examples:
@@ -107,8 +114,8 @@ Examples:
   # What daemon run --record wrote
   bench replay --check flight.rec")]
     Replay(replay::ReplayArguments),
-    /// A configuration for a recorded flight: gain, adaptation rate, length scale, dead zone and centers, searched on its
-    /// first half and judged on its second.
+    /// A configuration for a recorded flight: the numbers of the law that matter, searched on its first half and judged on
+    /// its second.
     #[command(
         after_help = "Examples:\n  bench tune log_20240613_121802.log --out x8.toml\n  bench tune flight.csv --config vehicle.toml --mass --coast-s 2"
     )]
@@ -148,6 +155,7 @@ pub fn main_with_args(args: impl IntoIterator<Item = OsString>) -> ExitCode {
         Task::Soak(arguments) => soak::run(arguments),
         Task::Paper(arguments) => paper::run(arguments),
         Task::Hover(arguments) => hover::run(arguments),
+        Task::Accuracy(arguments) => accuracy::run(arguments),
         Task::Replay(arguments) => replay::run(arguments),
         Task::Tune(arguments) => tune::run(arguments),
     })

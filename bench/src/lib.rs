@@ -13,11 +13,13 @@
 //! | `jitter` | `bench jitter` | how late the service's cycle wakes up, beside cyclictest |
 //! | `load` | `bench load` | the cost of further readers and further vehicles |
 //! | `soak` | `bench soak` | a long run on a loaded machine: losses, memory |
+//! | `accuracy` | `bench accuracy` | accuracy on many flights, beside other estimators |
 //! | `flights` | `bench replay`, `bench tune` | accuracy on a recorded flight; a configuration for it |
 //!
 //! They share `harness` (processes, exchange, quantiles, tables), `plot` (figures as SVG) and `kalman` (the filter of the
 //! comparisons). A measurement imports these and no other measurement; [`cli`], the command line, imports all.
 
+mod accuracy;
 pub mod cli;
 mod demo;
 mod flights;

@@ -11,6 +11,7 @@ mod gate;
 mod log_acsl;
 mod log_csv;
 mod log_mcap;
+mod log_nanobench;
 mod log_ulog;
 mod mavlink;
 mod record;
@@ -21,12 +22,13 @@ mod step;
 pub type Target = fn(&[u8]);
 
 /// Each target by its name.
-pub const TARGETS: [(&str, Target); 10] = [
+pub const TARGETS: [(&str, Target); 11] = [
     ("config", config::run),
     ("gate", gate::run),
     ("log_acsl", log_acsl::run),
     ("log_csv", log_csv::run),
     ("log_mcap", log_mcap::run),
+    ("log_nanobench", log_nanobench::run),
     ("log_ulog", log_ulog::run),
     ("mavlink", mavlink::run),
     ("record", record::run),

@@ -72,11 +72,15 @@ pub(crate) fn check_target(file: &Path) -> anyhow::Result<()> {
 }
 
 impl Figure {
+    /// The figure as an SVG document.
+    pub(crate) fn svg(&self) -> String {
+        Layout::of(self).svg()
+    }
+
     /// Writes the figure as SVG.
     pub(crate) fn write(&self, file: &Path) -> anyhow::Result<()> {
         check_target(file)?;
-        std::fs::write(file, Layout::of(self).svg())
-            .with_context(|| format!("cannot write the plot {}", file.display()))
+        std::fs::write(file, self.svg()).with_context(|| format!("cannot write the plot {}", file.display()))
     }
 }
 

@@ -11,7 +11,7 @@ use crate::design::GyroscopicTorque;
 use crate::error::{DesignError, Parameter};
 use crate::law::joint::design::JointDesign;
 use crate::law::joint::filter::JointFilter;
-use crate::law::joint::predict::JointPrediction;
+use crate::law::joint::predict::{JointPrediction, LearnedAcceleration};
 use crate::law::joint::state::JointState;
 use crate::law::joint::teaches::Teaches;
 use crate::law::joint::update::Agreement;
@@ -129,25 +129,25 @@ impl PlantOfBody {
         history.output_stamp_ns.is_none_or(|output_ns| at_ns.saturating_sub(output_ns) > self.hold_ns)
     }
 
-    /// Moves to a grid point or a sample, within a gap or outside of one.
+    /// Moves to a grid point or a sample, within a gap or outside of one. Returns what was learned of the step.
     fn advance<K: JointPose>(
         &self,
         filter: &mut JointFilter,
         from: &mut JointMoment<K>,
         to_ns: u64,
         history: &JointHistory,
-    ) {
+    ) -> LearnedAcceleration {
         let h_s = seconds(to_ns - from.stamp_ns);
         let before = Vector3::from(from.state.velocity());
         let (command, known) = self.accelerations(&history.command, &before);
         let gap_ns = history.gap_start_ns();
         let std = from.state.velocity_std();
-        if from.stamp_ns < gap_ns {
-            filter.predict(&mut from.state, h_s, &command, &known, history.teaches());
+        let learned = if from.stamp_ns < gap_ns {
+            filter.predict(&mut from.state, h_s, &command, &known, history.teaches())
         } else {
             let gap_s = seconds(from.stamp_ns - gap_ns);
-            filter.predict_gap(&mut from.state, h_s, &command, &known, gap_s, history.teaches());
-        }
+            filter.predict_gap(&mut from.state, h_s, &command, &known, gap_s, history.teaches())
+        };
         from.pose = from.pose.after(&PoseStep {
             h_s,
             velocities: [before, Vector3::from(from.state.velocity())],
@@ -155,6 +155,7 @@ impl PlantOfBody {
             is_coasting: self.is_coasting(history, to_ns),
         });
         from.stamp_ns = to_ns;
+        learned
     }
 }
 
@@ -339,6 +340,36 @@ impl<K: JointPose> JointChannel<K> {
             }
         }
         self.at.stamp_ns = stamp_ns;
+    }
+
+    /// What a sample at `stamp_ns` will find: the prediction that is committed there, to the bit, the force of the step to it
+    /// (inertia times the acceleration), and its deviation with the covariance after the step. Between two samples
+    /// [`estimate`](Self::estimate) answers sooner, and leaves out what changes with the commitment.
+    ///
+    /// # Cost
+    /// A copy of the channel, which allocates: for traces.
+    pub fn committed(&self, stamp_ns: u64) -> (JointPrediction, Vector3<f64>, [f64; 3]) {
+        let mut next = self.clone();
+        let at_once = next.filter.look_ahead(&next.at.state, 0.0, &[0.0; 3], &[0.0; 3], None);
+        let (mut learned, mut learned_std) = (at_once.learned, at_once.learned_std);
+        let mut step = 0;
+        while next.at.state.is_started() && next.at.stamp_ns < stamp_ns {
+            let next_ns = next.grid_ns(next.at.stamp_ns, step).min(stamp_ns);
+            learned = next.plant.advance(&mut next.filter, &mut next.at, next_ns, &next.history);
+            learned_std = next.filter.learned_std(&next.at.state, &learned);
+            step += 1;
+        }
+        let state = &next.at.state;
+        let prediction = JointPrediction {
+            velocity: state.velocity(),
+            velocity_std: state.velocity_std(),
+            position: state.position(),
+            position_std: state.position_std(),
+            learned,
+            learned_std,
+        };
+        let inertia = &self.plant.inertia;
+        (prediction, inertia * Vector3::from(learned.value), std_of(inertia, &learned_std))
     }
 
     /// The grid point after the one at `at_ns`, which is this many steps from the newest sample.

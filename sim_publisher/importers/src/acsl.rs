@@ -3,8 +3,11 @@
 //! A line is `[date] [thread] [tag] [line] [level] ` and values separated by `, `; the first line holds names with
 //! units. Axes north-east-down. The commanded force is the thrust U1 along −z of the body: `R(q) (0, 0, −U1)`.
 //!
+//! The logs of the multicopters have the attitude as a quaternion, those of the winged vehicles as Euler angles (3-2-1).
+//!
 //! # Source
-//! Public repository andrealaffly/ACSL-flightstack-accessories, Flight_Data
+//! Public repositories andrealaffly/ACSL-flightstack-accessories, Flight_Data, and ACSL-flightstack-winged-accessories,
+//! flight_log
 
 use crate::collector::{Collector, ROUNDED_NORM_TOLERANCE, parse_ns, unit};
 use crate::error::{ImportError, Imported};
@@ -21,27 +24,56 @@ const CLEAR_OF_GROUND_M: f64 = 0.1;
 /// A shorter loss of thrust is no landing (s).
 const MAX_GAP_S: f64 = 0.5;
 
-const TIME: &str = "Current time [s]";
-/// In the order in which [`sample_of`] takes them.
-const COLUMNS: [&str; 17] = [
-    "Position x [m]",
-    "Position y [m]",
-    "Position z [m]",
-    "Quaternion q0 [-]",
-    "Quaternion q1 [-]",
-    "Quaternion q2 [-]",
-    "Quaternion q3 [-]",
-    "Velocity x [m/s]",
-    "Velocity y [m/s]",
-    "Velocity z [m/s]",
-    "Angular velocity x [rad/s]",
-    "Angular velocity y [rad/s]",
-    "Angular velocity z [rad/s]",
-    "U control input U1 [N]",
-    "U control input U2 [Nm]",
-    "U control input U3 [Nm]",
-    "U control input U4 [Nm]",
+/// Which columns hold what.
+struct Layout {
+    time: &'static str,
+    position: [&'static str; 3],
+    /// A quaternion, or Euler angles.
+    attitude: &'static [&'static str],
+    velocity: [&'static str; 3],
+    angular_velocity: [&'static str; 3],
+    /// U1 … U4.
+    inputs: [&'static str; 4],
+}
+
+const POSITION: [&str; 3] = ["Position x [m]", "Position y [m]", "Position z [m]"];
+const VELOCITY: [&str; 3] = ["Velocity x [m/s]", "Velocity y [m/s]", "Velocity z [m/s]"];
+const LAYOUTS: [Layout; 2] = [
+    Layout {
+        time: "Current time [s]",
+        position: POSITION,
+        attitude: &["Quaternion q0 [-]", "Quaternion q1 [-]", "Quaternion q2 [-]", "Quaternion q3 [-]"],
+        velocity: VELOCITY,
+        angular_velocity: [
+            "Angular velocity x [rad/s]",
+            "Angular velocity y [rad/s]",
+            "Angular velocity z [rad/s]",
+        ],
+        inputs: [
+            "U control input U1 [N]",
+            "U control input U2 [Nm]",
+            "U control input U3 [Nm]",
+            "U control input U4 [Nm]",
+        ],
+    },
+    Layout {
+        time: "Controller Time [s]",
+        position: POSITION,
+        attitude: &["Phi [rad]", "Theta [rad]", "Psi [rad]"],
+        velocity: VELOCITY,
+        angular_velocity: ["omega_x [rad/s]", "omega_y [rad/s]", "omega_z [rad/s]"],
+        inputs: ["u1 [N]", "u2 [Nm]", "u3 [Nm]", "u4 [Nm]"],
+    },
 ];
+
+impl Layout {
+    /// In the order in which [`sample_of`] takes them.
+    fn columns(&self) -> impl Iterator<Item = &'static str> {
+        let groups =
+            [&self.position[..], self.attitude, &self.velocity, &self.angular_velocity, &self.inputs];
+        groups.map(<[&str]>::to_vec).into_iter().flatten()
+    }
+}
 
 /// A log of the ACSL flight stack.
 #[derive(Debug)]
@@ -77,11 +109,9 @@ fn parse(bytes: &[u8], path: &str) -> Imported {
             found: names.iter().filter(|name| !name.is_empty()).copied().collect::<Vec<_>>().join(", "),
         })
     };
-    let time_place = place_of(TIME)?;
-    let mut places = [0; COLUMNS.len()];
-    for (place, column) in places.iter_mut().zip(COLUMNS) {
-        *place = place_of(column)?;
-    }
+    let layout = LAYOUTS.iter().find(|layout| names.contains(&layout.time)).unwrap_or(&LAYOUTS[0]);
+    let time_place = place_of(layout.time)?;
+    let places = layout.columns().map(place_of).collect::<Imported<Vec<usize>>>()?;
     let n_needed = 1 + names.iter().rposition(|name| !name.is_empty()).unwrap_or(0);
 
     let mut flight = Collector::default();
@@ -123,24 +153,36 @@ fn read_row(
     row: &[&str],
     n_needed: usize,
     time_place: usize,
-    places: &[usize; COLUMNS.len()],
+    places: &[usize],
 ) -> Result<(i128, f64, Measurement), SkipReason> {
     if row.len() < n_needed {
         return Err(SkipReason::TooFewValues);
     }
     let time_ns = parse_ns(row[time_place], 1_000_000_000).ok_or(SkipReason::NotANumber)?;
-    let mut numbers = [0.0f64; COLUMNS.len()];
-    for (number, &place) in numbers.iter_mut().zip(places) {
-        *number = row[place].parse().ok().filter(|x: &f64| x.is_finite()).ok_or(SkipReason::NotANumber)?;
+    let mut numbers = Vec::with_capacity(places.len());
+    for &place in places {
+        numbers.push(row[place].parse().ok().filter(|x: &f64| x.is_finite()).ok_or(SkipReason::NotANumber)?);
     }
     let (thrust_n, sample) = sample_of(&numbers)?;
     Ok((time_ns, thrust_n, sample))
 }
 
-fn sample_of(numbers: &[f64; COLUMNS.len()]) -> Result<(f64, Measurement), SkipReason> {
-    let [px, py, pz, q0, q1, q2, q3, vx, vy, vz, wx, wy, wz, u1, u2, u3, u4] = *numbers;
-    let [w, x, y, z] = unit([q0, q1, q2, q3], ROUNDED_NORM_TOLERANCE).ok_or(SkipReason::NoUnitQuaternion)?;
-    let rotation = UnitQuaternion::new_unchecked(Quaternion::new(w, x, y, z));
+fn sample_of(numbers: &[f64]) -> Result<(f64, Measurement), SkipReason> {
+    let (&[px, py, pz, ref attitude @ ..], &[vx, vy, vz, wx, wy, wz, u1, u2, u3, u4]) =
+        numbers.split_at(numbers.len() - 10)
+    else {
+        return Err(SkipReason::TooFewValues);
+    };
+    let rotation = match *attitude {
+        [q0, q1, q2, q3] => {
+            let [w, x, y, z] =
+                unit([q0, q1, q2, q3], ROUNDED_NORM_TOLERANCE).ok_or(SkipReason::NoUnitQuaternion)?;
+            UnitQuaternion::new_unchecked(Quaternion::new(w, x, y, z))
+        }
+        [roll, pitch, yaw] => UnitQuaternion::from_euler_angles(roll, pitch, yaw),
+        _ => return Err(SkipReason::TooFewValues),
+    };
+    let [w, x, y, z] = [rotation.w, rotation.i, rotation.j, rotation.k];
     let sample = Measurement::default()
         .with_velocity_m_s([vx, vy, vz])
         .with_angular_velocity_rad_s([wx, wy, wz])
@@ -184,8 +226,9 @@ mod tests {
 
     fn header() -> String {
         format!(
-            "{PREFIX}Initial timestamp, {TIME}, User-defined position x [m], {}, Other [-], ",
-            COLUMNS.join(", ")
+            "{PREFIX}Initial timestamp, {}, User-defined position x [m], {}, Other [-], ",
+            LAYOUTS[0].time,
+            LAYOUTS[0].columns().collect::<Vec<_>>().join(", ")
         )
     }
 
@@ -214,6 +257,23 @@ mod tests {
         assert_eq!(first.force_n, [0.0, 0.0, -10.0]);
         // Roll φ with cos φ/2 = 0.6, so cos φ = −0.28, sin φ = 0.96; R_x (0, 0, −20) = (0, 20 sin φ, −20 cos φ).
         assert!((second.force_n[1] - 19.2).abs() < 1e-12 && (second.force_n[2] - 5.6).abs() < 1e-12);
+    }
+
+    /// Roll 0.2, pitch 0.3, yaw 0.4 by the matrix of the 3-2-1 sequence: its third column times −20 N.
+    #[test]
+    fn euler_angles_of_a_winged_vehicle_turn_the_thrust() {
+        let columns = LAYOUTS[1].columns().collect::<Vec<_>>().join(", ");
+        let text = format!(
+            "{PREFIX}, Controller Time [s], {columns}, \n{PREFIX}1.5, 1, 2, 3, 0.2, 0.3, 0.4, 4, 5, 6, 7, 8, 9, 20, 1, 2, 3, \n"
+        );
+        let text = text.replace(&format!("{PREFIX}1.5"), &format!("{PREFIX}, 1.5"));
+        let flight = parse(text.as_bytes(), "log").unwrap();
+        let ((sr, cr), (sp, cp), (sy, cy)) = (0.2_f64.sin_cos(), 0.3_f64.sin_cos(), 0.4_f64.sin_cos());
+        let third = [cy * sp * cr + sy * sr, sy * sp * cr - cy * sr, cp * cr];
+        let sample = &flight.samples[0];
+        assert!((0..3).all(|axis| (sample.force_n[axis] + 20.0 * third[axis]).abs() < 1e-12), "{sample:?}");
+        assert_eq!((sample.velocity_m_s, sample.angular_velocity_rad_s), ([4.0, 5.0, 6.0], [7.0, 8.0, 9.0]));
+        assert_eq!((sample.position_m, sample.torque_n_m), ([1.0, 2.0, 3.0], [1.0, 2.0, 3.0]));
     }
 
     #[test]

@@ -6,7 +6,7 @@
 //! |---|---|
 //! | `importer` | the trait [`Importer`], and [`ImportOptions`]: what a file does not determine |
 //! | `list` | all formats, and reading a file of one of them |
-//! | `acsl`, `csv`, `mcap`, `record`, `ulog` | one format each |
+//! | `acsl`, `csv`, `mcap`, `nanobench`, `record`, `ulog` | one format each |
 //! | `table` | tables with named columns: read by `csv` and `mcap`, and written |
 //! | `collector` | collecting rows into a flight: times in order, attitudes of unit norm |
 //! | `flight` | [`RecordedFlight`], and why rows were skipped |
@@ -27,6 +27,7 @@ mod importer;
 mod inspect;
 mod list;
 mod mcap;
+mod nanobench;
 mod record;
 mod table;
 mod ulog;
@@ -39,6 +40,7 @@ pub use importer::{Format, ImportOption, ImportOptions, Importer};
 pub use inspect::{Findings, Quantity, inspect};
 pub use list::{IMPORTERS, by_ending, by_name, parse_flight, read_flight};
 pub use mcap::Mcap;
+pub use nanobench::{Nanobench, is_nanobench};
 pub use record::Record;
 pub use table::{CsvMap, TimeUnit, VelocityAxes, write_table};
 pub use ulog::Ulog;

@@ -2,18 +2,18 @@
 
 use crate::error::{ImportError, Imported};
 use crate::importer::{ImportOptions, Importer};
-use crate::{acsl::Acsl, csv::Csv, mcap::Mcap, record::Record, ulog::Ulog};
+use crate::{acsl::Acsl, csv::Csv, mcap::Mcap, nanobench::Nanobench, record::Record, ulog::Ulog};
 use std::path::Path;
 
 /// Every format. Commands, fuzz targets and the documentation follow from this list.
-pub static IMPORTERS: [&dyn Importer; 5] = [&Acsl, &Csv, &Mcap, &Record, &Ulog];
+pub static IMPORTERS: [&dyn Importer; 6] = [&Acsl, &Csv, &Mcap, &Nanobench, &Record, &Ulog];
 
 /// The format of this name.
 pub fn by_name(name: &str) -> Option<&'static dyn Importer> {
     IMPORTERS.into_iter().find(|importer| importer.format().name == name)
 }
 
-/// The format of a file's ending, if any.
+/// The format of a file's ending, if any; the first of the list, where several have it.
 pub fn by_ending(path: &Path) -> Option<&'static dyn Importer> {
     let ending = path.extension()?.to_str()?.to_ascii_lowercase();
     IMPORTERS.into_iter().find(|importer| importer.format().ending == ending)

@@ -204,7 +204,7 @@ fn a_channel_loaded_from_a_checkpoint_goes_on_with_the_same_bits() {
 #[test]
 fn the_attitude_s_deviations_are_honest() {
     let (rate_noise, fix_noise, h) = (0.02, 0.03, 0.005);
-    let mut filter = paper_design();
+    let mut filter = joint_law([0.01; 3]);
     filter.noise = [rate_noise; 3];
     filter.prior =
         PriorDeviations { bias: 15.0, linear: 9.0, kernel: 10.5, input: 0.5, lag: 0.5, disturbance: 3.0 };

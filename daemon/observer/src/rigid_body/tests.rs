@@ -2,6 +2,7 @@ use super::*;
 use crate::channels::ChannelState;
 use crate::designs::{body_channel, joint_law};
 use crate::innovation_gate::{InnovationGate, OutlierAction};
+use crate::joint_channel::JointChannelDesign;
 use crate::law::channel::BodyChannel;
 use crate::law::dead_zone::{DeadZone, DeadZoneShape};
 use crate::law::gradient::Learning;
