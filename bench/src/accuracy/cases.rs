@@ -1,6 +1,6 @@
 //! The flights that are judged: recorded ones, and simulated ones whose truth is known.
 
-use anyhow::{Context, bail, ensure};
+use anyhow::{Context, ensure};
 use daemon::config::{ConfigFile, LawName, TranslationConfig};
 use daemon::gate::sample_of;
 use importers::{ImportOptions, Importer, Nanobench, RecordedFlight, is_nanobench, read_flight};
@@ -14,8 +14,6 @@ use std::path::{Path, PathBuf};
 const GAP_PERIODS: f64 = 3.0;
 /// Higher than this above the lowest point, a vehicle is clear of the ground (m).
 const CLEAR_OF_GROUND_M: f64 = 0.1;
-/// The configuration's mass stands while the thrust of the first half agrees with it within this part.
-const MASS_AGREES_WITHIN: f64 = 0.1;
 /// A flight in the air of at least this (s) can be judged.
 const MIN_DURATION_S: f64 = 4.0;
 const SIMULATED_S: f64 = 120.0;
@@ -26,7 +24,7 @@ rate_hz = 100.0
 [translation]
 mass_kg = 0.035
 gravity_m_s2 = [0.0, 0.0, -9.81]
-velocity_noise_m_s = 0.02
+velocity_noise_m_s = 0.005
 speed_box_m_s = [2.0, 2.0, 1.0]
 ";
 
@@ -40,8 +38,6 @@ pub(super) struct Case {
     /// The true velocities of the samples, where they are known.
     truths: Option<Vec<Vector3<f64>>>,
     gap_ns: u64,
-    /// What a reader should know of it: that the mass is another than the configuration's.
-    pub(super) remarks: Vec<String>,
 }
 
 impl Case {
@@ -69,7 +65,7 @@ impl Case {
         periods.sort_unstable();
         let period_ns = periods[periods.len() / 2];
         let gap_ns = (GAP_PERIODS * period_ns as f64) as u64;
-        Ok(Self { name, config, samples, truths, gap_ns, remarks: Vec::new() })
+        Ok(Self { name, config, samples, truths, gap_ns })
     }
 
     /// For tests: a flight with the preset of the X8.
@@ -197,12 +193,10 @@ fn case_of(name: String, mut config: ConfigFile, measured: Vec<Measurement>) -> 
     let limits = config.config.input;
     let samples = measured.iter().filter_map(|m| sample_of(m, &limits).ok());
     let samples: Vec<Sample> = samples.filter_map(with_inertial_velocity).collect();
-    let remark = weigh(&mut config, &samples)?;
+    ensure!(config.config.translation.is_some(), "the configuration has no [translation]");
     // The velocity is inertial: the rotation has no part in it.
     config.config.rotation = None;
-    let mut case = Case::new(name, config, samples, None)?;
-    case.remarks.extend(remark);
-    Ok(case)
+    Case::new(name, config, samples, None)
 }
 
 /// A body velocity turned by the attitude of the same sample; `None` without one.
@@ -213,33 +207,6 @@ fn with_inertial_velocity(sample: Sample) -> Option<Sample> {
         other => other,
     };
     Some(Sample { velocity, ..sample })
-}
-
-/// Takes the mass from the mean thrust of the first half, which is not judged, where the configuration's is far off. It
-/// matters to the filters that are compared: they cannot learn a mass.
-fn weigh(config: &mut ConfigFile, samples: &[Sample]) -> anyhow::Result<Option<String>> {
-    let Some(translation) = &mut config.config.translation else {
-        bail!("the configuration has no [translation]")
-    };
-    let gravity = Vector3::from(translation.gravity_m_s2);
-    let forces: Vec<Vector3<f64>> =
-        samples[..samples.len() / 2].iter().filter_map(|sample| sample.force_n).collect();
-    if gravity.norm() == 0.0 || forces.is_empty() {
-        return Ok(None);
-    }
-    let thrust_n = -forces.iter().sum::<Vector3<f64>>().dot(&gravity.normalize()) / forces.len() as f64;
-    let mass_kg = thrust_n / gravity.norm();
-    if !(mass_kg.is_finite() && mass_kg > 0.0)
-        || (mass_kg / translation.mass_kg - 1.0).abs() <= MASS_AGREES_WITHIN
-    {
-        return Ok(None);
-    }
-    let remark = format!(
-        "mass {mass_kg:.3} kg, from the thrust of the first half; the configuration has {} kg",
-        translation.mass_kg
-    );
-    translation.mass_kg = mass_kg;
-    Ok(Some(remark))
 }
 
 /// The simulated cases, by name; the same in every run.

@@ -172,8 +172,9 @@ pub(super) struct LeastSquares {
     /// One column per axis.
     coefficients: SMatrix<f64, 4, 3>,
     covariances: [Matrix4<f64>; 3],
-    /// The last sample with a velocity: its stamp, its velocity, and the command from then on.
-    newest: Option<(u64, Vector3<f64>, Vector3<f64>)>,
+    /// The last sample with a velocity: its stamp, its velocity; and the integral of the command from then on (N s).
+    newest: Option<(u64, Vector3<f64>)>,
+    impulse_n_s: Vector3<f64>,
     stamp_ns: Option<u64>,
 }
 
@@ -187,6 +188,7 @@ impl LeastSquares {
             coefficients: SMatrix::zeros(),
             covariances: [LEAST_SQUARES_PRIOR * Matrix4::identity(); 3],
             newest: None,
+            impulse_n_s: Vector3::zeros(),
             stamp_ns: None,
         }
     }
@@ -206,12 +208,14 @@ impl LeastSquares {
         if moved.norm() < DIVERGED_M_S {
             self.velocity_m_s = moved;
         }
+        self.impulse_n_s += h * self.input_n;
         self.stamp_ns = Some(stamp_ns);
     }
 
     fn learn(&mut self, stamp_ns: u64, measured: &Vector3<f64>) {
-        let Some((from_ns, before, input_n)) = self.newest else { return };
+        let Some((from_ns, before)) = self.newest else { return };
         let h = (stamp_ns - from_ns) as f64 / 1e9;
+        let input_n = self.impulse_n_s / h;
         let unexplained = (measured - before) / h - (input_n + self.known_n) / self.mass_kg;
         let forgetting = (-h / LEAST_SQUARES_MEMORY_S).exp();
         for axis in 0..3 {
@@ -234,19 +238,15 @@ impl Estimator for LeastSquares {
 
     fn take(&mut self, sample: &Sample) {
         self.advance(sample.stamp_ns);
-        let measured = match sample.velocity {
-            Some(Velocity::Inertial(measured)) => measured,
-            _ => {
-                self.input_n = sample.force_n.unwrap_or(self.input_n);
-                // A command in between: the two ends of the difference no longer belong to one command.
-                self.newest = None;
-                return;
-            }
+        let Some(Velocity::Inertial(measured)) = sample.velocity else {
+            self.input_n = sample.force_n.unwrap_or(self.input_n);
+            return;
         };
         self.learn(sample.stamp_ns, &measured);
         self.input_n = sample.force_n.unwrap_or(self.input_n);
         self.velocity_m_s = measured;
-        self.newest = Some((sample.stamp_ns, measured, self.input_n));
+        self.newest = Some((sample.stamp_ns, measured));
+        self.impulse_n_s = Vector3::zeros();
         self.stamp_ns = Some(sample.stamp_ns);
     }
 }

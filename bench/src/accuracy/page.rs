@@ -17,9 +17,9 @@ const HEAD: &str = "<!DOCTYPE html>
 <html lang=\"en\"><head><meta charset=\"utf-8\"><title>Accuracy</title>
 <link rel=\"icon\" href=\"data:,\">
 <style>
-body { font: 15px sans-serif; margin: 2em auto; max-width: 62em; color: #222; }
+body { font: 15px sans-serif; margin: 2em auto; max-width: 70em; color: #222; }
 table { border-collapse: collapse; font-size: 13px; }
-td, th { padding: 2px 9px; text-align: right; border-bottom: 1px solid #ddd; }
+td, th { padding: 2px 9px; text-align: right; white-space: nowrap; border-bottom: 1px solid #ddd; }
 td:nth-child(-n+2), th:nth-child(-n+2) { text-align: left; }
 tr.joint td { font-weight: bold; }
 svg { max-width: 100%; height: auto; }
@@ -61,8 +61,8 @@ pub(super) fn write(
         writeln!(page, "<tr{class}>{row}</tr>").expect("a string takes everything");
     }
     page += "</table>\n";
-    for remark in report.remarks() {
-        writeln!(page, "<p>{}</p>", escaped(&remark)).expect("a string takes everything");
+    for sentence in report.not_judged() {
+        writeln!(page, "<p>{}</p>", escaped(&sentence)).expect("a string takes everything");
     }
     for (index, (case, estimators)) in cases.iter().zip(judged).enumerate() {
         let open = if index == 0 { " open" } else { "" };

@@ -108,7 +108,6 @@ impl Row {
 /// All rows, flight by flight, and the means over the flights.
 pub(super) struct Report {
     rows: Vec<Row>,
-    remarks: Vec<String>,
     refused: Vec<(String, String)>,
     /// Geometric means of the ratios to the best Kalman filter, by estimator.
     means: Vec<(&'static str, [Option<f64>; N_COLUMNS])>,
@@ -143,10 +142,7 @@ impl Report {
             };
             (name, std::array::from_fn(mean))
         });
-        let remarks = cases.iter().flat_map(|case| {
-            case.remarks.iter().map(|remark| format!("{}: {remark}", case.name)).collect::<Vec<_>>()
-        });
-        Self { rows, remarks: remarks.collect(), refused, means: means.to_vec() }
+        Self { rows, refused, means: means.to_vec() }
     }
 
     pub(super) fn json(&self) -> Value {
@@ -159,7 +155,6 @@ impl Report {
         json!({
             "rows": self.rows.iter().map(Row::json).collect::<Vec<_>>(),
             "geometric_mean_over_kalman": means.collect::<Vec<_>>(),
-            "remarks": self.remarks,
             "not_judged": self.refused.iter().map(|(file, reason)| json!({ "file": file, "reason": reason }))
                 .collect::<Vec<_>>(),
         })
@@ -211,9 +206,9 @@ impl Report {
             .collect()
     }
 
-    pub(super) fn remarks(&self) -> impl Iterator<Item = String> {
-        let refused = self.refused.iter().map(|(file, reason)| format!("{file} is not judged: {reason}"));
-        self.remarks.iter().cloned().chain(refused)
+    /// Of the files that are not judged, a sentence each.
+    pub(super) fn not_judged(&self) -> impl Iterator<Item = String> {
+        self.refused.iter().map(|(file, reason)| format!("{file} is not judged: {reason}"))
     }
 
     pub(super) fn print(&self, page: Option<&Path>) {
@@ -228,7 +223,7 @@ impl Report {
             "kalman, gauss-markov: the best of 17 densities in each column; kalman-one-q: one for all flights.\n\
              The band has no part for the sensor's own noise, which the error after a coast on a recorded flight contains."
         );
-        self.remarks().for_each(|remark| outln!("{remark}"));
+        self.not_judged().for_each(|remark| outln!("{remark}"));
         if let Some(page) = page {
             outln!("{}", page.display());
         }

@@ -26,7 +26,7 @@ const CLEAR_OF_GROUND_M: f64 = 0.1;
 /// Where a row follows after more than this (s), a frame was lost.
 const MAX_STEP_S: f64 = 0.015;
 /// The derivative of so many rows on both sides has the lost frame in it.
-const SPOILED_ROWS: usize = 4;
+const SPOILED_ROWS: usize = 6;
 /// So many rows of motors on one straight line are no log of motors.
 const STRAIGHT_ROWS: usize = 100;
 
@@ -65,7 +65,7 @@ impl Importer for Nanobench {
             about: "Table of the NanoBench data set: motion capture, rates, and thrust from motors and battery; --format nanobench",
             ending: "csv",
             reads: &[],
-            airborne_by: Some("0.1 m above the lowest point"),
+            airborne_by: Some("running motors, 0.1 m above the lowest point"),
             is_built_in: true,
         }
     }
@@ -148,17 +148,22 @@ fn parse(bytes: &[u8], path: &str) -> Imported {
     }
     rows.truncate(end_of_motors(&rows));
     let k = thrust_scale(&rows);
+    let mut is_running = Vec::with_capacity(rows.len());
     let has_gap: Vec<bool> =
         rows.windows(2).map(|pair| (pair[1].time_ns - pair[0].time_ns) as f64 * 1e-9 > MAX_STEP_S).collect();
     for (index, row) in rows.iter().enumerate() {
         let around = index.saturating_sub(SPOILED_ROWS)..(index + SPOILED_ROWS).min(has_gap.len());
         let has_velocity = !has_gap[around].contains(&true);
         match row.sample(MASS_KG * k * row.thrust_level(), has_velocity) {
-            Ok(sample) => _ = flight.add(row.line, row.time_ns, sample),
+            Ok(sample) => {
+                if flight.add(row.line, row.time_ns, sample) {
+                    is_running.push(row.thrust_level() > 0.0);
+                }
+            }
             Err(reason) => flight.skipped.add(reason, row.line),
         }
     }
-    let airborne = clear_of_ground(&flight.samples);
+    let airborne = airborne(&flight.samples, &is_running);
     flight.finish(path, airborne)
 }
 
@@ -200,12 +205,18 @@ fn thrust_scale(rows: &[Row]) -> f64 {
     if level > 0.0 { acceleration / level } else { 0.0 }
 }
 
-/// From the first to the last sample clear of the lowest point.
-fn clear_of_ground(samples: &[Measurement]) -> Option<Range<usize>> {
-    let height_m = |sample: &Measurement| sample.position_m[2];
-    let lowest_m = samples.iter().map(height_m).fold(f64::INFINITY, f64::min);
-    let is_clear = |sample: &Measurement| height_m(sample) - lowest_m > CLEAR_OF_GROUND_M;
-    Some(samples.iter().position(is_clear)?..samples.iter().rposition(is_clear)? + 1)
+/// The longest run of samples with running motors, from the first to the last one clear of the lowest point.
+fn airborne(samples: &[Measurement], is_running: &[bool]) -> Option<Range<usize>> {
+    let mut start = 0;
+    let runs = is_running.chunk_by(|a, b| a == b).map(|run| {
+        start += run.len();
+        (run[0], start - run.len()..start)
+    });
+    let (_, run) = runs.filter(|(is_running, _)| *is_running).max_by_key(|(_, run)| run.len())?;
+    let height_m = |index: &usize| samples[*index].position_m[2];
+    let lowest_m = samples.iter().map(|sample| sample.position_m[2]).fold(f64::INFINITY, f64::min);
+    let is_clear = |index: &usize| height_m(index) - lowest_m > CLEAR_OF_GROUND_M;
+    Some(run.clone().find(is_clear)?..run.rev().find(is_clear)? + 1)
 }
 
 #[cfg(test)]
@@ -242,7 +253,7 @@ mod tests {
         assert_eq!((hover.velocity_m_s, hover.angular_velocity_rad_s), ([3., 4., 5.], [0.1, 0.2, 0.3]));
         let without: Vec<usize> =
             (0..100).filter(|&index| !flight.samples[index].has(valid::VELOCITY)).collect();
-        assert_eq!(without, (57..=64).collect::<Vec<_>>());
+        assert_eq!(without, (55..=66).collect::<Vec<_>>());
     }
 
     #[test]
