@@ -1,6 +1,6 @@
 //! The options of `bench step`, and the sizes and contestants that follow from them.
 
-use super::subject::{Solver, Subject};
+use super::subject::Solver;
 use crate::harness::options::parse_seconds;
 use clap::builder::TypedValueParser;
 use std::path::PathBuf;
@@ -54,6 +54,9 @@ pub(crate) struct StepArguments {
     pub(super) plot: Option<PathBuf>,
 }
 
+/// The joint law has a covariance of all weights: more centers than this are for the gradient law.
+const MAX_JOINT_CENTERS: usize = 1000;
+
 /// 20 000 centers take 1.6 GB once factored, and three times that while they are.
 const MAX_CENTERS: usize = 20_000;
 
@@ -68,21 +71,19 @@ impl StepArguments {
     /// What is measured, in this order.
     pub(super) fn sweep(&self) -> Vec<(Solver, usize)> {
         let dense = self.centers.iter().map(|&n| (Solver::Dense, n));
+        let joint = self.centers.iter().filter(|&&n| n <= MAX_JOINT_CENTERS).map(|&n| (Solver::Joint, n));
         let local =
             |&block: &usize| self.lattices.iter().map(move |&edge| (Solver::Local(block), edge.pow(3)));
-        dense.chain([4, 6].iter().flat_map(local)).collect()
+        dense.chain(joint).chain([4, 6].iter().flat_map(local)).collect()
     }
 
-    /// The literal formula where it is to be run, or why not.
+    /// The literal formula with this many centers where it is to be run, or why not.
     pub(super) fn literal<T>(
         &self,
-        subject: &Subject,
+        n: usize,
         build: impl FnOnce() -> anyhow::Result<T>,
     ) -> anyhow::Result<Result<T, String>> {
-        let (n, max) = (subject.n_centers, self.literal_up_to);
-        if subject.solver != Solver::Dense {
-            return Ok(Err("compared with the dense solver only".into()));
-        }
+        let max = self.literal_up_to;
         if n > max {
             let megabytes = 72e-6 * (n as f64).powi(2);
             return Ok(Err(format!(

@@ -2,8 +2,8 @@
 
 use nalgebra::{Matrix3, Vector3};
 use observer::{
-    Centers, ChannelDesign, DeadZone, DeadZoneShape, DisturbanceBounds, GradientOptions, Kernel, LengthScale,
-    LocalSolver, Solver,
+    Centers, ChannelDesign, DeadZone, DeadZoneShape, DisturbanceBounds, ExcitationDesign, GradientOptions,
+    JointChannelDesign, JointDesign, Kernel, LengthScale, LocalSolver, PriorDeviations, Solver,
 };
 use std::f64::consts::TAU;
 
@@ -38,6 +38,38 @@ pub(super) fn design(centers: Centers) -> anyhow::Result<ChannelDesign> {
         hold_s: STEP_S,
         coast_step_s: STEP_S,
     })
+}
+
+/// The joint law on these centers, with the defaults of a translation.
+pub(super) fn joint_design(centers: Centers) -> JointChannelDesign {
+    let filter = JointDesign {
+        kernel: KERNEL,
+        length_scale: LengthScale::Isotropic(LENGTH_SCALE),
+        centers,
+        prior: PriorDeviations {
+            bias: 0.5,
+            linear: 0.3,
+            kernel: 0.35,
+            input: 0.15,
+            lag: 0.3,
+            disturbance: 0.1,
+        },
+        disturbance_time_s: 0.2,
+        process_noise: 1.5e-3,
+        motion_memory_s: 300.0,
+        input_memory_s: 3600.0,
+        lags_s: [0.05, 0.2],
+        noise: [DEAD_ZONE_WIDTH; 3],
+        position_noise: None,
+        noise_samples: 500.0,
+        excitation: ExcitationDesign {
+            correction_share: 0.3,
+            mean_time_s: 5.0,
+            variation_time_s: 0.2,
+            idle_rate: 0.05,
+        },
+    };
+    JointChannelDesign { filter, inertia: Matrix3::identity() * MASS_KG, hold_s: STEP_S }
 }
 
 /// Support of the local solver's Wendland kernel, in spacings of the lattice.

@@ -2,12 +2,12 @@
 //! alike. Each step is timed separately, including the cost of the clock.
 
 use super::arguments::StepArguments;
-use super::channel::{DEAD_ZONE_WIDTH, INPUT, STEP_S, wandering_outputs};
+use super::channel::{INPUT, wandering_outputs};
 use super::kalman::DisturbanceFilter;
 use super::literal::{LiteralChannel, check_agreement};
 use super::memory::MemoryProbe;
 use super::report::{QUANTILES, Rival, Row, YARDSTICK};
-use super::subject::{Solver, Subject};
+use super::subject::{Solver, Stepped, Subject};
 use crate::harness::latency::quantile;
 use indicatif::ProgressBar;
 use nalgebra::Vector3;
@@ -29,6 +29,9 @@ const WARM_UP: Duration = Duration::from_millis(100);
 /// Steps before that, in which the learning ones are counted.
 const MAX_COUNTED_STEPS: usize = 1000;
 const MIN_COUNTED_STEPS: usize = 50;
+
+/// Why the literal formula is not run.
+const NOT_COMPARED: &str = "compared with the dense solver only";
 
 /// The progress bar's length for one size.
 pub(super) const PROGRESS: u64 = 100;
@@ -99,25 +102,30 @@ pub(super) fn measure(
     let output = |i: usize| black_box(&outputs[i % outputs.len()]);
     let n_centers = subject.n_centers;
 
-    let mut literal = arguments.literal(&subject, || LiteralChannel::new(&subject.channel))?;
-    let literal_force_difference = match &mut literal {
-        Ok(literal) => Some(check_agreement(&mut subject.channel, literal, &outputs)?),
-        Err(_) => None,
-    };
+    let (mut literal, mut literal_force_difference) = (Err(NOT_COMPARED.to_owned()), None);
+    if let (Solver::Dense, Stepped::Gradient(channel)) = (subject.solver, &mut subject.channel) {
+        literal = arguments.literal(n_centers, || LiteralChannel::new(channel))?;
+        if let Ok(literal) = &mut literal {
+            literal_force_difference = Some(check_agreement(channel, literal, &outputs)?);
+        }
+    }
     let mut kalman = DisturbanceFilter::new();
-    // The dense step with which the local solver is compared.
-    let mut dense_27 = match subject.solver {
+    // The dense step of the gradient law with which the local solver and the joint law are compared.
+    let mut dense = match subject.solver {
         Solver::Dense => None,
         Solver::Local(_) => Some(Subject::dense(YARDSTICK)?.channel),
+        Solver::Joint => Some(Subject::dense(n_centers)?.channel),
     };
 
     let channel = &mut subject.channel;
-    channel.set_rate(Vector3::zeros());
+    if let Some(channel) = channel.gradient_mut() {
+        channel.set_rate(Vector3::zeros());
+    }
     let mut literal_estimate = Vector3::zeros();
     let (mut n_open, mut n_counted, started) = (0, 0, Instant::now());
     while n_counted < MIN_COUNTED_STEPS || (n_counted < MAX_COUNTED_STEPS && started.elapsed() < WARM_UP) {
-        channel.step(output(n_counted), &INPUT, STEP_S);
-        n_open += usize::from(channel.law().held().output_error.norm() > DEAD_ZONE_WIDTH);
+        channel.step(output(n_counted), &INPUT);
+        n_open += usize::from(channel.has_learned());
         n_counted += 1;
     }
 
@@ -125,13 +133,8 @@ pub(super) fn measure(
     let n_samples = arguments.samples as usize;
     let our_batch_ns = (budget / (2 * ROUNDS as u32)).as_nanos() as u64;
     let max_batch = n_samples.div_ceil(ROUNDS);
-    let mut ours = Contestant::warmed_up(
-        |i| {
-            channel.step(output(i), black_box(&INPUT), STEP_S);
-        },
-        our_batch_ns,
-        max_batch,
-    );
+    let mut ours =
+        Contestant::warmed_up(|i| channel.step(output(i), black_box(&INPUT)), our_batch_ns, max_batch);
     let mut literal = literal.as_mut().map(|literal| {
         let step = |i| {
             literal_estimate = literal.step(black_box(&literal_estimate), output(i), black_box(&INPUT)).0;
@@ -139,11 +142,8 @@ pub(super) fn measure(
         Contestant::warmed_up(step, BATCH_NS, max_batch)
     });
     let mut kalman_turns = Contestant::warmed_up(|i| kalman.step(output(i)), BATCH_NS, max_batch);
-    let mut yardstick = dense_27.as_mut().map(|channel| {
-        let step = |i| {
-            channel.step(output(i), black_box(&INPUT), STEP_S);
-        };
-        Contestant::warmed_up(step, BATCH_NS, max_batch)
+    let mut yardstick = dense.as_mut().map(|channel| {
+        Contestant::warmed_up(|i| channel.step(output(i), black_box(&INPUT)), BATCH_NS, max_batch)
     });
     let mut reading = Contestant::warmed_up(|_| memory.read(), BATCH_NS, max_batch);
 

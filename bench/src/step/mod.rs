@@ -4,6 +4,7 @@
 //! |---|---|
 //! | dense | [`observer::Channel::step`], all centers |
 //! | local | the same with the local solver, on lattices up to a million centers |
+//! | joint | [`observer::JointChannel::accept`], the joint law's update and prediction, all centers |
 //! | literal | the same law as it is printed, with nalgebra: 3×3N and 3N×3N matrices, left to right |
 //! | Kalman | adskalman's filter with 6 states (velocity, disturbance) and 3 outputs |
 //! | memory | reading memory: the lower bound of a step whose factor is in no cache |
@@ -110,8 +111,14 @@ mod tests {
         assert!(rows[0].literal.is_ok() && rows[0].literal_force_difference.is_some());
         assert!(rows[1].literal.is_err());
         let solvers: Vec<_> = rows.iter().map(|row| (row.solver, row.n_centers)).collect();
-        let expected =
-            [(Solver::Dense, 8), (Solver::Dense, 20), (Solver::Local(4), 512), (Solver::Local(6), 512)];
+        let expected = [
+            (Solver::Dense, 8),
+            (Solver::Dense, 20),
+            (Solver::Joint, 8),
+            (Solver::Joint, 20),
+            (Solver::Local(4), 512),
+            (Solver::Local(6), 512),
+        ];
         assert_eq!(solvers, expected);
         let errors: Vec<_> = rows.iter().filter_map(|row| row.predicted_error).collect();
         assert!(errors.len() == 2 && errors[1] < errors[0], "{errors:?}");

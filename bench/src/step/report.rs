@@ -47,7 +47,7 @@ pub(super) struct Row {
     /// Largest difference between our force and the literal one, relative to the force.
     pub(super) literal_force_difference: Option<f64>,
     pub(super) kalman: Rival,
-    /// The dense step of [`YARDSTICK`] centers, in turns with a local one.
+    /// The gradient law's dense step, in turns: of [`YARDSTICK`] centers with a local one, of as many with a joint one.
     pub(super) yardstick: Option<Rival>,
 }
 
@@ -77,6 +77,9 @@ impl Row {
         let mut document = Map::new();
         let mut put = |key: String, value: Value| document.insert(key, value);
         put("solver".into(), json!(self.solver.name()));
+        if self.solver == Solver::Joint {
+            put("dense_ratio".into(), json!(self.yardstick.map(|dense| self.ratio(&dense))));
+        }
         if let Solver::Local(block) = self.solver {
             put("block".into(), json!(block));
             put("predicted_error".into(), json!(self.predicted_error));
@@ -179,6 +182,7 @@ const MIN_CORE_SHARE: f64 = 0.97;
 fn findings(rows: &[Row]) -> Vec<String> {
     let mut findings = Vec::new();
     findings.extend(dense_findings(rows));
+    findings.extend(joint_findings(rows));
     findings.extend(local_findings(rows));
     if let Some(worst) = rows.iter().filter_map(|row| row.literal_force_difference).reduce(f64::max) {
         findings.push(format!("The literal force and ours differ by at most {worst:.1e} of the force."));
@@ -226,6 +230,20 @@ fn dense_findings(rows: &[Row]) -> Vec<String> {
     findings
 }
 
+/// The ratio of each joint step to the gradient law's dense step that took turns with it.
+fn joint_findings(rows: &[Row]) -> Vec<String> {
+    let finding = |row: &Row| {
+        let dense = row.yardstick.filter(|_| row.solver == Solver::Joint)?;
+        Some(format!(
+            "A joint step of {} centers takes {} µs, ×{} the gradient law's dense one.",
+            row.n_centers,
+            three_digits(1e-3 * row.median_ns()),
+            three_digits(row.ratio(&dense).recip()),
+        ))
+    };
+    rows.iter().filter_map(finding).collect()
+}
+
 /// How the local steps grow, and their ratio to the dense step that took turns with them.
 fn local_findings(rows: &[Row]) -> Vec<String> {
     let of_block = |solver: Solver| {
@@ -245,7 +263,7 @@ fn local_findings(rows: &[Row]) -> Vec<String> {
             largest.predicted_error?,
         ))
     };
-    Solver::ALL.into_iter().filter_map(of_block).collect()
+    Solver::ALL.into_iter().filter(|solver| matches!(solver, Solver::Local(_))).filter_map(of_block).collect()
 }
 
 /// p of N^p through two rows.
@@ -327,6 +345,17 @@ pub(super) mod tests {
         ] {
             assert!(found.contains(expected), "{expected}\nnot in\n{found}");
         }
+    }
+
+    #[test]
+    fn joint_steps_are_held_against_the_gradient_laws_in_turns() {
+        let joint =
+            Row { solver: Solver::Joint, yardstick: Some(Rival { median_ns: 50, samples: 10 }), ..row(10) };
+        let found = findings(std::slice::from_ref(&joint)).join("\n");
+        let expected = "A joint step of 10 centers takes 0.100 µs, ×2.00 the gradient law's dense one.";
+        assert!(found.contains(expected), "{found}");
+        let document = joint.document();
+        assert_eq!((&document["solver"], &document["dense_ratio"]), (&json!("joint"), &json!(0.5)));
     }
 
     #[test]
