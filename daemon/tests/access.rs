@@ -78,7 +78,10 @@ fn assert_owner_only(domain: &TestDomain) {
     let segments = domain.domain.segments().unwrap();
     assert!(segments.len() > 5, "{segments:?}");
     for segment in segments {
-        assert_eq!(mode_of(&segment) & 0o077, 0, "{} has mode {:o}", segment.display(), mode_of(&segment));
+        // A segment that was needed for a moment may be gone again.
+        let Ok(found) = fs::symlink_metadata(&segment) else { continue };
+        let mode = found.permissions().mode() & 0o777;
+        assert_eq!(mode & 0o077, 0, "{} has mode {mode:o}", segment.display());
     }
 }
 

@@ -151,7 +151,7 @@ fn toml_text(value: &Value) -> String {
 
 /// The unit, which is the end of a key's name.
 fn unit(key: &str) -> &'static str {
-    const UNITS: [(&str, &str); 19] = [
+    const UNITS: [(&str, &str); 20] = [
         ("_rad_s_sqrt_s", "rad/s/√s"),
         ("_rad2_s3", "rad²/s³"),
         ("_m2_s3", "m²/s³"),
@@ -171,6 +171,7 @@ fn unit(key: &str) -> &'static str {
         ("_n", "N"),
         ("_ticks", "ticks"),
         ("_samples", "samples"),
+        ("_rad", "rad"),
     ];
     UNITS.iter().find(|(end, _)| key.ends_with(end)).map_or("", |(_, unit)| unit)
 }
