@@ -17,7 +17,7 @@ pub enum SkipReason {
     TimeAhead,
     /// The attitude is no unit quaternion within 5 %.
     NoUnitQuaternion,
-    /// No field of the row has a value.
+    /// No field of the row has all of its values.
     NothingMeasured,
     /// A force along the body's axes, before the first attitude.
     NoAttitudeYet,
@@ -34,7 +34,7 @@ impl SkipReason {
             Self::TimeNotIncreasing => "time not later than in the row before",
             Self::TimeAhead => "time ahead of the rows after it",
             Self::NoUnitQuaternion => "attitude not of unit norm",
-            Self::NothingMeasured => "no value at all",
+            Self::NothingMeasured => "no quantity with all of its values",
             Self::NoAttitudeYet => "thrust before the first attitude",
             Self::EndsEarly => "cut off or damaged, and not read from there on",
         }

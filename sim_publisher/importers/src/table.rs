@@ -1,5 +1,9 @@
 //! Tables with a line of column names. A map, on the command line or as TOML, assigns columns to keys. Columns that have the
 //! names of keys, as in the tables that this file writes, need no map.
+//!
+//! A row is a sample with the fields that have all of their cells filled. An empty cell means: not measured at that time. A
+//! field with only some of its cells filled, and one with a value that is not finite, carries no measurement either, since a
+//! sample holds whole vectors; both are counted and reported.
 
 use crate::collector::{Collector, parse_ns};
 use crate::error::{ImportError, Imported, MapError};
@@ -230,8 +234,28 @@ struct Places {
     time: usize,
     ns_per_unit: i128,
     velocity_axes: VelocityAxes,
-    /// Of each field that has columns: its place in the payload's table, and theirs in the file.
-    fields: Vec<(usize, Vec<usize>)>,
+    /// Of each field that has columns: its place in the payload's table, the key of its quantity, and its columns' places.
+    fields: Vec<(usize, &'static str, Vec<usize>)>,
+}
+
+/// What a table's cells left out of its samples.
+#[derive(Default)]
+struct LeftOut {
+    /// Values that are given as not finite.
+    not_finite: usize,
+    /// Fields with a value and an empty cell; quantity and line of the first.
+    in_part: usize,
+    first_in_part: Option<(&'static str, u64)>,
+}
+
+impl LeftOut {
+    fn remark(&self) -> Option<String> {
+        let (quantity, line) = self.first_in_part?;
+        Some(format!(
+            "quantities with only some of their cells filled, which carry no measurement: {} (first: {quantity}, line {line})",
+            self.in_part
+        ))
+    }
 }
 
 impl Places {
@@ -256,20 +280,32 @@ impl Places {
             return Err(MapError::NothingMeasured.into());
         }
         let time = place_of(time)?;
-        let found = columns.into_iter().map(|(place, _, columns)| {
-            Ok((place, columns.into_iter().map(place_of).collect::<Imported<_>>()?))
+        let found = columns.into_iter().map(|(place, field, columns)| {
+            let quantity = field.quantity.map_or(field.name, |quantity| quantity.key);
+            Ok((place, quantity, columns.into_iter().map(place_of).collect::<Imported<_>>()?))
         });
         let velocity_axes = map.velocity_frame.unwrap_or_default();
         Ok(Self { time, ns_per_unit, velocity_axes, fields: found.collect::<Imported<_>>()? })
     }
 
-    /// Time and sample of a row; counts values that are given as not finite.
-    fn read(&self, row: &Row<'_>, not_finite: &mut usize) -> Result<(i128, Measurement), SkipReason> {
+    /// Time and sample of the row in this line, with the fields whose cells all have a finite value.
+    fn read(
+        &self,
+        row: &Row<'_>,
+        line: u64,
+        left_out: &mut LeftOut,
+    ) -> Result<(i128, Measurement), SkipReason> {
         let time_ns = parse_ns(row.text(self.time)?, self.ns_per_unit).ok_or(SkipReason::NotANumber)?;
         let mut sample = Measurement::default();
-        for (place, columns) in &self.fields {
-            if let Some(numbers) = row.values(columns, not_finite)? {
-                sample.set(*place, &numbers);
+        for (place, quantity, columns) in &self.fields {
+            match row.values(columns)? {
+                Cells::Values(numbers) => sample.set(*place, &numbers),
+                Cells::Empty => {}
+                Cells::InPart => {
+                    left_out.in_part += 1;
+                    left_out.first_in_part.get_or_insert((quantity, line));
+                }
+                Cells::NotFinite(count) => left_out.not_finite += count,
             }
         }
         if sample.has(valid::VELOCITY) && self.velocity_axes == VelocityAxes::Body {
@@ -287,23 +323,35 @@ impl Row<'_> {
         str::from_utf8(cell).map(str::trim).map_err(|_| SkipReason::NotANumber)
     }
 
-    /// The values in these columns; `None` where a cell is empty or not finite.
-    fn values(&self, columns: &[usize], not_finite: &mut usize) -> Result<Option<Vec<f64>>, SkipReason> {
+    /// What these columns have.
+    fn values(&self, columns: &[usize]) -> Result<Cells, SkipReason> {
         let mut values = Vec::with_capacity(columns.len());
         for &column in columns {
             let text = self.text(column)?;
-            if text.is_empty() {
-                continue;
-            }
-            let value: f64 = text.parse().map_err(|_| SkipReason::NotANumber)?;
-            if value.is_finite() {
-                values.push(value);
-            } else {
-                *not_finite += 1;
+            if !text.is_empty() {
+                values.push(text.parse::<f64>().map_err(|_| SkipReason::NotANumber)?);
             }
         }
-        Ok(Some(values).filter(|values| values.len() == columns.len()))
+        let not_finite = values.iter().filter(|value| !value.is_finite()).count();
+        Ok(match (values.len(), not_finite) {
+            (0, _) => Cells::Empty,
+            (_, 1..) => Cells::NotFinite(not_finite),
+            (n, 0) if n < columns.len() => Cells::InPart,
+            _ => Cells::Values(values),
+        })
     }
+}
+
+/// The cells of one field in a row.
+enum Cells {
+    /// All have a finite value.
+    Values(Vec<f64>),
+    /// All are empty: the field was not measured then.
+    Empty,
+    /// Some are empty.
+    InPart,
+    /// So many values are not finite.
+    NotFinite(usize),
 }
 
 pub(crate) fn parse(bytes: &[u8], path: &str, map: &CsvMap) -> Imported {
@@ -314,19 +362,20 @@ pub(crate) fn parse(bytes: &[u8], path: &str, map: &CsvMap) -> Imported {
     };
     let places = Places::find(map, &header, path)?;
     let mut flight = Collector::default();
+    let mut left_out = LeftOut::default();
     let mut record = ByteRecord::new();
     // Reading bytes of memory into a flexible record leaves no error but the end.
     while reader.read_byte_record(&mut record).unwrap_or(false) {
         let line = record.position().map_or(0, csv::Position::line);
-        let mut not_finite = 0;
-        match places.read(&Row(&record), &mut not_finite) {
+        match places.read(&Row(&record), line, &mut left_out) {
             Ok((time_ns, sample)) => {
                 flight.add(line, time_ns, sample);
             }
             Err(reason) => flight.skipped.add(reason, line),
         }
-        flight.values_not_finite += not_finite;
     }
+    flight.values_not_finite = left_out.not_finite;
+    flight.remarks.extend(left_out.remark());
     flight.finish(path, None)
 }
 
@@ -449,6 +498,9 @@ mod tests {
         let all = valid::VELOCITY | valid::ANGULAR_VELOCITY;
         assert_eq!(fields, [all, valid::ANGULAR_VELOCITY, valid::ANGULAR_VELOCITY]);
         assert_eq!(flight.values_not_finite, 2);
+        let findings = flight.findings().join("\n");
+        let expected = "quantities with only some of their cells filled, which carry no measurement: 1 (first: velocity, line 4)";
+        assert!(findings.contains(expected), "{findings}");
         for (reason, rows) in [
             (SkipReason::NothingMeasured, 1),
             (SkipReason::NotANumber, 2),
@@ -457,6 +509,23 @@ mod tests {
         ] {
             assert_eq!(flight.skipped.for_reason(reason), rows, "{}", reason.words());
         }
+    }
+
+    /// A Doppler log at 10 Hz among commands at 100 Hz.
+    #[test]
+    fn a_row_without_a_velocity_still_brings_its_command() {
+        let rows = (0..20).map(|j| match j % 10 {
+            0 => format!("{},1,2,3,{j},0,0\n", 0.01 * j as f64),
+            _ => format!("{},,,,{j},0,0\n", 0.01 * j as f64),
+        });
+        let text = "time_s,velocity_x,velocity_y,velocity_z,force_x,force_y,force_z\n".to_owned()
+            + &rows.collect::<String>();
+        let flight = parse(text.as_bytes(), "a.csv", &CsvMap::default()).unwrap();
+        for (j, sample) in flight.samples.iter().enumerate() {
+            let velocity = if j % 10 == 0 { valid::VELOCITY } else { 0 };
+            assert_eq!((sample.valid, sample.force_n), (velocity | valid::FORCE, [j as f64, 0.0, 0.0]));
+        }
+        assert_eq!((flight.samples.len(), flight.findings()), (20, vec![]));
     }
 
     #[test]
