@@ -66,7 +66,7 @@ pub(super) fn write(
     }
     for (index, (case, estimators)) in cases.iter().zip(judged).enumerate() {
         let open = if index == 0 { " open" } else { "" };
-        write!(page, "<details{open}><summary>{}</summary>\n", escaped(&short(&case.name)))
+        writeln!(page, "<details{open}><summary>{}</summary>", escaped(&short(&case.name)))
             .expect("a string takes everything");
         figures(estimators).iter().for_each(|figure| page += &figure.svg());
         page += "</details>\n";
