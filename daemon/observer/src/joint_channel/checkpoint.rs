@@ -7,7 +7,7 @@ use crate::plant::attitude_filter::JointPose;
 use serde::{Deserialize, Serialize};
 
 /// The state of a joint channel at a checkpoint: everything that later estimates depend on, except the numbers of
-/// [`JointState::write`], which stay in the channel.
+/// `JointState::write`, which stay in the channel.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct JointChannelState<K> {
     stamp_ns: u64,

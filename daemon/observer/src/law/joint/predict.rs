@@ -118,7 +118,7 @@ impl JointFilter {
             covariance.times(self.unit, f, w);
             let variances = step.variances(covariance, f, w);
             if has_position {
-                let before = covariance.row(VELOCITY).iter().zip(covariance.row(POSITION));
+                let before = covariance.row(VELOCITY).zip(covariance.row(POSITION));
                 for ((w_r, w), (p_v, p_r)) in self.position_row.iter_mut().zip(&*w).zip(before) {
                     *w_r = p_r + 0.5 * h_s * (p_v + w);
                 }

@@ -93,7 +93,8 @@ impl JointState {
         };
         self.mean.iter().for_each(|mean| put(&mean[..n]));
         for axis in 0..3 {
-            (0..n).for_each(|i| put(&self.covariance(axis).row(i)[..=i]));
+            let covariance = self.covariance(axis);
+            (0..n).for_each(|i| covariance.row(i).take(i + 1).for_each(|entry| put(&[entry])));
         }
         put(&self.excitation.mean[..n]);
     }

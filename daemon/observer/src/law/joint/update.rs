@@ -155,7 +155,7 @@ impl JointFilter {
             if axis == 0 || !is_shared {
                 let covariance = &mut state.covariances[axis];
                 covariance.add_to_diagonal(row, weighing.surprise);
-                self.column.copy_from_slice(covariance.row(row));
+                self.column.iter_mut().zip(covariance.row(row)).for_each(|(p, entry)| *p = entry);
                 let variance = (innovation.variance + weighing.surprise) * weighing.factor;
                 self.gain_column(variance);
                 self.update_covariance(covariance, row, variance, teaches);
