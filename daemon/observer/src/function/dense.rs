@@ -9,7 +9,7 @@
 
 use crate::function::checkpoint::Learned;
 use crate::function::evaluation::Evaluation;
-use crate::space::factors::lanes::{VectorLoop, dot};
+use crate::space::factors::lanes::{VectorLoop, VectorUnit};
 use crate::space::native_space::{FeatureBuffers, NativeSpace};
 use nalgebra::SVector;
 use pulp::Simd;
@@ -44,9 +44,14 @@ impl<const M: usize> DenseFunction<M> {
         self.squared_features = self.space.features(output, &mut self.at_output);
     }
 
+    /// θᵀφ.
+    fn value(&self, unit: VectorUnit, features: &[f64]) -> SVector<f64, M> {
+        unit.dots(self.learned.runs.each_ref().map(|run| &run[..]), features).into()
+    }
+
     pub(crate) fn held(&self) -> Evaluation<M> {
         let features = self.at_output.features();
-        let value = self.space.unit().run(Value { weights: &self.learned.runs, features });
+        let value = self.value(self.space.unit(), features);
         Evaluation::exact(value, self.squared_features)
     }
 
@@ -55,9 +60,9 @@ impl<const M: usize> DenseFunction<M> {
         let (unit, features) = (self.space.unit(), self.at_query.features());
         let pending_part = match *pending == SVector::<f64, M>::zeros() {
             true => 0.0,
-            false => unit.run(Dot { x: self.at_output.features(), y: features }),
+            false => unit.dots([self.at_output.features()], features)[0],
         };
-        let value = unit.run(Value { weights: &self.learned.runs, features });
+        let value = self.value(unit, features);
         Evaluation::exact(value + pending_part * pending, squared_features)
     }
 
@@ -118,36 +123,6 @@ impl<const M: usize> DenseFunction<M> {
     /// Bytes of the factor and the centers, which a step reads.
     pub(crate) fn bytes_of_step(&self) -> usize {
         self.space.bytes()
-    }
-}
-
-/// θᵀφ.
-struct Value<'a, const M: usize> {
-    weights: &'a [Vec<f64>; M],
-    features: &'a [f64],
-}
-
-impl<const M: usize> VectorLoop for Value<'_, M> {
-    type Output = SVector<f64, M>;
-
-    #[inline(always)]
-    fn call<S: Simd>(self, simd: S) -> SVector<f64, M> {
-        SVector::from_fn(|axis, _| dot(simd, &self.weights[axis], self.features))
-    }
-}
-
-/// xᵀy.
-struct Dot<'a> {
-    x: &'a [f64],
-    y: &'a [f64],
-}
-
-impl VectorLoop for Dot<'_> {
-    type Output = f64;
-
-    #[inline(always)]
-    fn call<S: Simd>(self, simd: S) -> f64 {
-        dot(simd, self.x, self.y)
     }
 }
 

@@ -44,7 +44,7 @@ impl<K: JointPose> JointChannel<K> {
     /// # Cost
     /// A copy of 3 n²/2 numbers.
     pub(crate) fn save(&mut self) -> JointChannelState<K> {
-        let state = &self.at.state;
+        let state = &mut self.at.state;
         state.write(self.filter.n, &mut self.saved);
         JointChannelState {
             stamp_ns: self.at.stamp_ns,

@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 /// The command's mean and variance follow it with this time (s).
-const COMMAND_TIME_S: f64 = 10.0;
+pub(super) const COMMAND_TIME_S: f64 = 10.0;
 
 /// a_m and σ_a² (m/s² and its square; rad/s²); unknown before the first command.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -18,10 +18,9 @@ impl CommandStatistics {
         Self { mean: None, variance: 0.0 }
     }
 
-    /// Follows a known command over a step of h: `a_m += (1 − e^{−h/10 s})(a_u − a_m)`, then
-    /// `σ_a² += (1 − e^{−h/10 s})(‖a_u − a_m‖²/3 − σ_a²)`.
-    pub(crate) fn follow(&mut self, h_s: f64, command: &[f64; 3]) {
-        let rate = -(-h_s / COMMAND_TIME_S).exp_m1();
+    /// Follows a known command over a step of h: `a_m += rate (a_u − a_m)`, then `σ_a² += rate (‖a_u − a_m‖²/3 − σ_a²)`,
+    /// rate = 1 − e^{−h/10 s}.
+    pub(crate) fn follow(&mut self, rate: f64, command: &[f64; 3]) {
         let mean = self.mean.get_or_insert(*command);
         let mut square = 0.0;
         for (mean, command) in mean.iter_mut().zip(command) {

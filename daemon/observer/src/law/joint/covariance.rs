@@ -1,30 +1,48 @@
 //! The covariance P of the joint filter: symmetric, stored whole, in rows of whole lanes.
 //!
+//! An update subtracts a square g gᵀ and a prediction scales every entry: both want a pass over P. The square therefore waits
+//! until the next pass, so that a step makes one. What is read of P in between has it subtracted, to the bit as the pass
+//! does it.
+//!
+//! The velocity's row, p of joint.md, stands by itself: both put a new one in its place.
+//!
 //! Every operation computes the two mirror images of an entry from the same numbers in the same order, so that P stays
 //! symmetric to the bit. Rows and columns beyond the filter's own are 0 and stay 0.
 
-use crate::space::factors::lanes::{LANES, Lanes, VectorLoop, VectorUnit, whole_lanes};
+use super::rows::VELOCITY;
+use crate::space::factors::lanes::{LANES, Lanes, VectorLoop, VectorUnit, multiply_add, whole_lanes};
 use pulp::Simd;
 
 /// P, n×n.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Covariance {
+    unit: VectorUnit,
     /// Lanes of a row.
     width: usize,
-    /// Row after row, each beginning on a cache line.
+    /// p.
+    velocity_row: Vec<f64>,
+    /// P + g gᵀ, row after row, each beginning on a cache line; 0 in the velocity's row and column.
     entries: Vec<Lanes>,
+    /// g; 0 where nothing waits, and in the velocity's row.
+    square: Vec<f64>,
+    /// Whether a square waits to be subtracted.
+    square_waits: bool,
 }
 
 impl Covariance {
     /// Zero.
-    pub(crate) fn zero(n: usize) -> Self {
+    pub(crate) fn zero(unit: VectorUnit, n: usize) -> Self {
         let stride = whole_lanes(n);
         let width = stride / LANES;
-        Self { width, entries: vec![Lanes([0.0; LANES]); stride * width] }
+        let entries = vec![Lanes([0.0; LANES]); stride * width];
+        let zeros = vec![0.0; stride];
+        Self { unit, width, velocity_row: zeros.clone(), entries, square: zeros, square_waits: false }
     }
 
     /// Becomes diagonal. The diagonal is of whole lanes.
     pub(crate) fn set_diagonal(&mut self, diagonal: &[f64]) {
+        self.forget_square();
+        self.velocity_row.fill(0.0);
         self.entries.fill(Lanes([0.0; LANES]));
         for (i, &variance) in diagonal.iter().enumerate() {
             *self.entry_mut(i, i) = variance;
@@ -33,84 +51,163 @@ impl Covariance {
 
     /// Becomes equal to another one of the same size. No allocation.
     pub(crate) fn copy_from(&mut self, other: &Self) {
+        self.velocity_row.copy_from_slice(&other.velocity_row);
         self.entries.copy_from_slice(&other.entries);
+        self.square.copy_from_slice(&other.square);
+        self.square_waits = other.square_waits;
     }
 
     /// P_ij.
     pub(crate) fn at(&self, i: usize, j: usize) -> f64 {
-        self.entries[i * self.width + j / LANES].0[j % LANES]
+        match (i, j) {
+            (VELOCITY, other) | (other, VELOCITY) => self.velocity_row[other],
+            _ => {
+                let entry = self.entries[i * self.width + j / LANES].0[j % LANES];
+                let (g_i, g_j) = (self.square[i], self.square[j]);
+                if g_i == 0.0 { entry } else { self.unit.multiply_add(-g_i, g_j, entry) }
+            }
+        }
     }
 
     fn entry_mut(&mut self, i: usize, j: usize) -> &mut f64 {
-        &mut self.entries[i * self.width + j / LANES].0[j % LANES]
+        match (i, j) {
+            (VELOCITY, other) | (other, VELOCITY) => &mut self.velocity_row[other],
+            _ => &mut self.entries[i * self.width + j / LANES].0[j % LANES],
+        }
     }
 
     /// Sets P_ij and P_ji.
     pub(crate) fn set(&mut self, i: usize, j: usize, value: f64) {
+        self.settle();
         *self.entry_mut(i, j) = value;
         *self.entry_mut(j, i) = value;
     }
 
     /// P_ii += `variance`.
     pub(crate) fn add_to_diagonal(&mut self, i: usize, variance: f64) {
+        if self.square[i] != 0.0 {
+            self.settle();
+        }
         *self.entry_mut(i, i) += variance;
     }
 
-    /// Row i, which is column i.
-    pub(crate) fn row(&self, i: usize) -> impl Iterator<Item = f64> {
-        self.entries[i * self.width..][..self.width].iter().flat_map(|lanes| lanes.0)
+    /// Row i, which is column i, of whole lanes.
+    pub(crate) fn copy_row(&self, i: usize, row: &mut [f64]) {
+        if i == VELOCITY {
+            row.copy_from_slice(&self.velocity_row);
+            return;
+        }
+        let entries = &self.entries[i * self.width..][..self.width];
+        for (row, entries) in row.as_chunks_mut().0.iter_mut().zip(entries) {
+            *row = entries.0;
+        }
+        if self.square[i] != 0.0 {
+            self.unit.run(SubtractRow { row, g_i: self.square[i], g: &self.square });
+        }
+        row[VELOCITY] = self.velocity_row[i];
     }
 
     /// Sets row and column i.
     pub(crate) fn set_cross(&mut self, i: usize, values: &[f64]) {
-        let (lanes, lane) = (i / LANES, i % LANES);
-        for (row, &value) in self.entries.chunks_exact_mut(self.width).zip(values) {
-            row[lanes].0[lane] = value;
+        if i == VELOCITY {
+            self.velocity_row.copy_from_slice(values);
+            return;
         }
-        let row = &mut self.entries[i * self.width..][..self.width];
-        for (entry, &values) in row.iter_mut().zip(values.as_chunks().0) {
-            entry.0 = values;
+        // Of the square that waits, this row and column have nothing.
+        if self.square[i] != 0.0 {
+            self.settle();
+        }
+        for (j, &value) in values.iter().enumerate() {
+            *self.entry_mut(i, j) = value;
+            *self.entry_mut(j, i) = value;
         }
     }
 
-    /// `product = P f`.
-    ///
-    /// # Cost
-    /// n² multiply-adds.
-    pub(crate) fn times(&self, unit: VectorUnit, f: &[f64], product: &mut [f64]) {
-        unit.run(Times { covariance: self, f, product });
-    }
-
-    /// `P −= g gᵀ`.
-    ///
-    /// # Cost
-    /// n² multiply-adds.
-    pub(crate) fn subtract_square(&mut self, unit: VectorUnit, g: &[f64]) {
-        unit.run(SubtractSquare { width: self.width, entries: &mut self.entries, g });
-    }
-
-    /// `P := P ∘ s sᵀ`, then `P_kk += variances_k`.
-    ///
-    /// # Cost
-    /// 2n² multiplications.
-    pub(crate) fn scale(&mut self, unit: VectorUnit, s: &[f64], variances: &[f64]) {
-        unit.run(Scale { width: self.width, entries: &mut self.entries, s });
-        for (i, &variance) in variances.iter().enumerate() {
-            *self.entry_mut(i, i) += variance;
+    /// `P −= g gᵀ`, with the next pass.
+    pub(crate) fn subtract_square(&mut self, g: &[f64]) {
+        self.settle();
+        self.square.copy_from_slice(g);
+        self.square_waits = true;
+        let g_v = std::mem::take(&mut self.square[VELOCITY]);
+        if g_v != 0.0 {
+            self.unit.run(SubtractRow { row: &mut self.velocity_row, g_i: g_v, g });
         }
+    }
+
+    /// Subtracts the square that waits.
+    pub(crate) fn settle(&mut self) {
+        if self.square_waits {
+            self.unit.run(Settle { covariance: self });
+            self.forget_square();
+        }
+    }
+
+    fn forget_square(&mut self) {
+        if self.square_waits {
+            self.square.fill(0.0);
+            self.square_waits = false;
+        }
+    }
+
+    /// `products = (P f, P c)`.
+    ///
+    /// # Cost
+    /// 2n² multiply-adds, n² more for a square that waits: one pass that reads P.
+    pub(crate) fn times(&self, [f, c]: [&[f64]; 2], products: [&mut [f64]; 2]) {
+        let [of_f, of_c] = products;
+        self.unit.run(Times { covariance: self, f, c, products: [of_f, of_c] });
+        [of_f[VELOCITY], of_c[VELOCITY]] = self.unit.dots([f, c], &self.velocity_row);
+    }
+
+    /// `product = P f`, then `P := P ∘ s sᵀ`, then `P_kk += variances_k`. The velocity's row stays as it is: it is to be set.
+    ///
+    /// # Cost
+    /// 2n² multiply-adds and 2n² multiplications, with the square that waits: one pass over P.
+    pub(crate) fn advance(&mut self, f: &[f64], s: &[f64], variances: &[f64], product: &mut [f64]) {
+        self.unit.run(Advance { covariance: self, f, s, variances, product });
+        self.forget_square();
+        [product[VELOCITY]] = self.unit.dots([&self.velocity_row], f);
     }
 }
 
-/// The widths of 27, 64 and 125 centers, in lanes: with these as constants a row stays in registers.
-macro_rules! with_width {
-    ($width:expr, $fixed:ident($($argument:expr),*), $general:expr) => {
-        match $width {
-            6 => $fixed::<S, 6>($($argument),*),
-            10 => $fixed::<S, 10>($($argument),*),
-            18 => $fixed::<S, 18>($($argument),*),
-            _ => $general,
+/// A pass over P by blocks of columns, as many lanes at once as what it needs of them stays in registers; the last block may
+/// be narrower.
+macro_rules! by_blocks {
+    ($width:expr, $pass:ident $arguments:tt) => {
+        let block = if S::F64_LANES == LANES { 6 } else { 3 };
+        for first in (0..$width).step_by(block) {
+            match block.min($width - first) {
+                1 => by_blocks!(@ 1, first, $pass $arguments),
+                2 => by_blocks!(@ 2, first, $pass $arguments),
+                3 => by_blocks!(@ 3, first, $pass $arguments),
+                4 => by_blocks!(@ 4, first, $pass $arguments),
+                5 => by_blocks!(@ 5, first, $pass $arguments),
+                _ => by_blocks!(@ 6, first, $pass $arguments),
+            }
         }
     };
+    (@ $columns:tt, $first:ident, $pass:ident ($($argument:expr),*)) => {
+        $pass::<S, $columns>($first, $($argument),*)
+    };
+}
+
+/// A block of columns of a vector.
+#[inline(always)]
+fn columns<const W: usize>(vector: &[f64], first: usize) -> [[f64; LANES]; W] {
+    let lanes = vector.as_chunks().0;
+    std::array::from_fn(|k| lanes[first + k])
+}
+
+/// A block of columns of a vector times a factor.
+#[inline(always)]
+fn scaled_columns<const W: usize>(factor: f64, vector: &[f64], first: usize) -> [[f64; LANES]; W] {
+    columns::<W>(vector, first).map(|lanes| lanes.map(|entry| factor * entry))
+}
+
+/// Becomes a block of columns of a vector.
+#[inline(always)]
+fn set_columns<const W: usize>(vector: &mut [f64], first: usize, columns: [[f64; LANES]; W]) {
+    vector.as_chunks_mut().0[first..first + W].copy_from_slice(&columns);
 }
 
 /// The lanes as vectors of the unit.
@@ -124,145 +221,164 @@ fn vectors_mut<S: Simd>(lanes: &mut [f64; LANES]) -> &mut [S::f64s] {
     S::as_mut_simd_f64s(lanes).0
 }
 
-struct Times<'a> {
-    covariance: &'a Covariance,
+struct Advance<'a> {
+    covariance: &'a mut Covariance,
     f: &'a [f64],
+    s: &'a [f64],
+    variances: &'a [f64],
     product: &'a mut [f64],
 }
 
-/// Rows that are added up at once: each sum is loaded and stored once for so many.
-const ROWS: usize = 4;
+impl VectorLoop for Advance<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn call<S: Simd>(self, simd: S) {
+        let Self {
+            covariance: Covariance { width, velocity_row, entries, square: g, .. },
+            f,
+            s,
+            variances,
+            product,
+        } = self;
+        by_blocks!(
+            *width,
+            advance_block(simd, (velocity_row, entries), *width, g, (f, s, variances), product)
+        );
+    }
+}
+
+#[inline(always)]
+fn advance_block<S: Simd, const W: usize>(
+    first: usize,
+    simd: S,
+    (velocity_row, entries): (&[f64], &mut [Lanes]),
+    width: usize,
+    g: &[f64],
+    (f, s, variances): (&[f64], &[f64], &[f64]),
+    product: &mut [f64],
+) {
+    let (g_columns, s_columns) = (columns::<W>(g, first), columns::<W>(s, first));
+    // s_i s, which is the same for most rows.
+    let (mut scale, mut scales) = (1.0, s_columns);
+    let mut sums = scaled_columns::<W>(f[VELOCITY], velocity_row, first);
+    let [f, g, s, variances] = [f, g, s, variances].map(|vector| vector.as_chunks::<LANES>().0);
+    for (lanes, rows) in entries.chunks_exact_mut(LANES * width).enumerate() {
+        for lane in 0..LANES {
+            let Some(row) = rows[lane * width + first..].first_chunk_mut::<W>() else { return };
+            let [minus_g_i, f_i, s_i] =
+                [-g[lanes][lane], f[lanes][lane], s[lanes][lane]].map(|factor| simd.splat_f64s(factor));
+            if s[lanes][lane] != scale {
+                scale = s[lanes][lane];
+                for (scales, s) in scales.iter_mut().zip(&s_columns) {
+                    for (scale, &s) in vectors_mut::<S>(scales).iter_mut().zip(vectors::<S>(s)) {
+                        *scale = simd.mul_f64s(s_i, s);
+                    }
+                }
+            }
+            for k in 0..W {
+                let (row, sums) = (vectors_mut::<S>(&mut row[k].0), vectors_mut::<S>(&mut sums[k]));
+                let columns = vectors::<S>(&g_columns[k]).iter().zip(vectors::<S>(&scales[k]));
+                for ((entry, sum), (&g, &scale)) in row.iter_mut().zip(sums).zip(columns) {
+                    let settled = simd.mul_add_e_f64s(minus_g_i, g, *entry);
+                    *sum = simd.mul_add_e_f64s(f_i, settled, *sum);
+                    *entry = simd.mul_f64s(settled, scale);
+                }
+            }
+        }
+        if (first..first + W).contains(&lanes) {
+            for (lane, variance) in variances[lanes].iter().enumerate() {
+                rows[lane * width + lanes].0[lane] += variance;
+            }
+        }
+    }
+    set_columns(product, first, sums);
+}
+
+struct Times<'a> {
+    covariance: &'a Covariance,
+    f: &'a [f64],
+    c: &'a [f64],
+    products: [&'a mut [f64]; 2],
+}
 
 impl VectorLoop for Times<'_> {
     type Output = ();
 
     #[inline(always)]
     fn call<S: Simd>(self, simd: S) {
-        let Self { covariance: Covariance { width, entries }, f, product } = self;
-        product.fill(0.0);
-        let (sums, _) = product.as_chunks_mut::<LANES>();
-        with_width!(*width, times_fixed(simd, entries, f, sums), times(simd, *width, entries, f, sums));
+        let Self { covariance: Covariance { width, velocity_row, entries, square: g, .. }, f, c, products } =
+            self;
+        let [of_f, of_c] = products;
+        by_blocks!(*width, times_block(simd, (velocity_row, entries), *width, g, (f, c), of_f, of_c));
     }
 }
 
 #[inline(always)]
-fn times_fixed<S: Simd, const W: usize>(simd: S, entries: &[Lanes], f: &[f64], sums: &mut [[f64; LANES]]) {
-    let (Some(sums), (rows, _)) = (sums.first_chunk_mut::<W>(), entries.as_chunks::<W>()) else { return };
-    let mut kept = *sums;
-    for (rows, f) in rows.chunks_exact(ROWS).zip(f.chunks_exact(ROWS)) {
-        add_rows(simd, [&rows[0], &rows[1], &rows[2], &rows[3]], f, &mut kept);
+fn times_block<S: Simd, const W: usize>(
+    first: usize,
+    simd: S,
+    (velocity_row, entries): (&[f64], &[Lanes]),
+    width: usize,
+    g: &[f64],
+    (f, c): (&[f64], &[f64]),
+    of_f: &mut [f64],
+    of_c: &mut [f64],
+) {
+    let g_columns = columns::<W>(g, first);
+    let mut f_sums = scaled_columns::<W>(f[VELOCITY], velocity_row, first);
+    let mut c_sums = scaled_columns::<W>(c[VELOCITY], velocity_row, first);
+    let rows = entries.chunks_exact(width).zip(g).zip(f.iter().zip(c));
+    for ((row, &g_i), (&f_i, &c_i)) in rows {
+        let Some(row) = row[first..].first_chunk::<W>() else { return };
+        let [minus_g_i, f_i, c_i] = [-g_i, f_i, c_i].map(|factor| simd.splat_f64s(factor));
+        for k in 0..W {
+            let sums = vectors_mut::<S>(&mut f_sums[k]).iter_mut().zip(vectors_mut::<S>(&mut c_sums[k]));
+            let row = vectors::<S>(&row[k].0).iter().zip(vectors::<S>(&g_columns[k]));
+            for ((f_sum, c_sum), (&entry, &g)) in sums.zip(row) {
+                let settled = simd.mul_add_e_f64s(minus_g_i, g, entry);
+                *f_sum = simd.mul_add_e_f64s(f_i, settled, *f_sum);
+                *c_sum = simd.mul_add_e_f64s(c_i, settled, *c_sum);
+            }
+        }
     }
-    *sums = kept;
+    set_columns(of_f, first, f_sums);
+    set_columns(of_c, first, c_sums);
 }
 
-#[inline(always)]
-fn times<S: Simd>(simd: S, width: usize, entries: &[Lanes], f: &[f64], sums: &mut [[f64; LANES]]) {
-    for (rows, f) in entries.chunks_exact(ROWS * width).zip(f.chunks_exact(ROWS)) {
-        let (a, rest) = rows.split_at(width);
-        let (b, rest) = rest.split_at(width);
-        let (c, d) = rest.split_at(width);
-        add_rows(simd, [a, b, c, d], f, sums);
-    }
+struct Settle<'a> {
+    covariance: &'a mut Covariance,
 }
 
-/// sums += f_a a + f_b b + f_c c + f_d d.
-#[inline(always)]
-fn add_rows<S: Simd>(simd: S, [a, b, c, d]: [&[Lanes]; ROWS], f: &[f64], sums: &mut [[f64; LANES]]) {
-    let [fa, fb, fc, fd] = [f[0], f[1], f[2], f[3]].map(|f| simd.splat_f64s(f));
-    for ((((sums, a), b), c), d) in sums.iter_mut().zip(a).zip(b).zip(c).zip(d) {
-        let rows = [a, b, c, d].map(|lanes| vectors::<S>(&lanes.0));
-        for (k, sum) in vectors_mut::<S>(sums).iter_mut().enumerate() {
-            let first = simd.mul_add_e_f64s(rows[0][k], fa, simd.mul_add_e_f64s(rows[1][k], fb, *sum));
-            *sum = simd.mul_add_e_f64s(rows[2][k], fc, simd.mul_add_e_f64s(rows[3][k], fd, first));
+impl VectorLoop for Settle<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn call<S: Simd>(self, _: S) {
+        let Covariance { width, entries, square: g, .. } = self.covariance;
+        for (row, &g_i) in entries.chunks_exact_mut(*width).zip(&*g) {
+            for (entries, g) in row.iter_mut().zip(g.as_chunks::<LANES>().0) {
+                for (entry, g) in entries.0.iter_mut().zip(g) {
+                    *entry = multiply_add::<S>(-g_i, *g, *entry);
+                }
+            }
         }
     }
 }
 
-struct SubtractSquare<'a> {
-    width: usize,
-    entries: &'a mut [Lanes],
+struct SubtractRow<'a> {
+    row: &'a mut [f64],
+    g_i: f64,
     g: &'a [f64],
 }
 
-impl VectorLoop for SubtractSquare<'_> {
+impl VectorLoop for SubtractRow<'_> {
     type Output = ();
 
     #[inline(always)]
-    fn call<S: Simd>(self, simd: S) {
-        let Self { width, entries, g } = self;
-        let (lanes, _) = g.as_chunks::<LANES>();
-        with_width!(width, subtract_fixed(simd, entries, g, lanes), {
-            for (row, &g_i) in entries.chunks_exact_mut(width).zip(g) {
-                subtract_from_row(simd, row, g_i, lanes);
-            }
-        });
-    }
-}
-
-#[inline(always)]
-fn subtract_fixed<S: Simd, const W: usize>(
-    simd: S,
-    entries: &mut [Lanes],
-    g: &[f64],
-    lanes: &[[f64; LANES]],
-) {
-    let (Some(lanes), (rows, _)) = (lanes.first_chunk::<W>(), entries.as_chunks_mut::<W>()) else { return };
-    let lanes = *lanes;
-    for (row, &g_i) in rows.iter_mut().zip(g) {
-        subtract_from_row(simd, row, g_i, &lanes);
-    }
-}
-
-/// row −= g_i gᵀ.
-#[inline(always)]
-fn subtract_from_row<S: Simd>(simd: S, row: &mut [Lanes], g_i: f64, g: &[[f64; LANES]]) {
-    let g_i = simd.splat_f64s(-g_i);
-    for (entries, g) in row.iter_mut().zip(g) {
-        let g = vectors::<S>(g);
-        for (k, entry) in vectors_mut::<S>(&mut entries.0).iter_mut().enumerate() {
-            *entry = simd.mul_add_e_f64s(g_i, g[k], *entry);
-        }
-    }
-}
-
-struct Scale<'a> {
-    width: usize,
-    entries: &'a mut [Lanes],
-    s: &'a [f64],
-}
-
-impl VectorLoop for Scale<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn call<S: Simd>(self, simd: S) {
-        let Self { width, entries, s } = self;
-        let (lanes, _) = s.as_chunks::<LANES>();
-        with_width!(width, scale_fixed(simd, entries, s, lanes), {
-            for (row, &s_i) in entries.chunks_exact_mut(width).zip(s) {
-                scale_row(simd, row, s_i, lanes);
-            }
-        });
-    }
-}
-
-#[inline(always)]
-fn scale_fixed<S: Simd, const W: usize>(simd: S, entries: &mut [Lanes], s: &[f64], lanes: &[[f64; LANES]]) {
-    let (Some(lanes), (rows, _)) = (lanes.first_chunk::<W>(), entries.as_chunks_mut::<W>()) else { return };
-    let lanes = *lanes;
-    for (row, &s_i) in rows.iter_mut().zip(s) {
-        scale_row(simd, row, s_i, &lanes);
-    }
-}
-
-/// row := row ∘ s_i s.
-#[inline(always)]
-fn scale_row<S: Simd>(simd: S, row: &mut [Lanes], s_i: f64, s: &[[f64; LANES]]) {
-    let s_i = simd.splat_f64s(s_i);
-    for (entries, s) in row.iter_mut().zip(s) {
-        let s = vectors::<S>(s);
-        for (k, entry) in vectors_mut::<S>(&mut entries.0).iter_mut().enumerate() {
-            *entry = simd.mul_f64s(*entry, simd.mul_f64s(s_i, s[k]));
+    fn call<S: Simd>(self, _: S) {
+        for (entry, g) in self.row.iter_mut().zip(self.g) {
+            *entry = multiply_add::<S>(-self.g_i, *g, *entry);
         }
     }
 }

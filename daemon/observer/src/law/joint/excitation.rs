@@ -44,12 +44,12 @@ impl Excitation {
             (other.variation, other.teaching, other.is_started);
     }
 
-    /// Follows ψ over a step of h.
+    /// Follows ψ over a step of h; `variation_rate` = 1 − e^{−h/T_E}.
     pub(crate) fn follow(
         &mut self,
         unit: VectorUnit,
         features: &[f64],
-        (h_s, corrections): (f64, f64),
+        (h_s, variation_rate, corrections): (f64, f64, f64),
         design: &ExcitationDesign,
     ) {
         if !self.is_started {
@@ -58,18 +58,16 @@ impl Excitation {
         }
         let rate = 1.0 - (-h_s / design.mean_time_s * (self.teaching + design.idle_rate)).exp();
         let square = unit.run(FollowMean { mean: &mut self.mean, features, rate });
-        self.variation += (1.0 - (-h_s / design.variation_time_s).exp()) * (square - self.variation);
+        self.variation += variation_rate * (square - self.variation);
         self.teaching = teaching(self.variation, corrections);
     }
 
-    /// ψ_t = ψ̄ + g (ψ − ψ̄).
-    pub(crate) fn teaching_features(&self, features: &[f64], teaching: &mut [f64]) {
-        if !self.is_started {
-            teaching.copy_from_slice(features);
-            return;
-        }
+    /// h ψ_t = h (ψ̄ + g (ψ − ψ̄)); h ψ before a first ψ was seen.
+    #[inline(always)]
+    pub(crate) fn teaching_features(&self, features: &[f64], h_s: f64, teaching: &mut [f64]) {
+        let share = if self.is_started { self.teaching } else { 1.0 };
         for ((t, &psi), &mean) in teaching.iter_mut().zip(features).zip(&self.mean) {
-            *t = mean + self.teaching * (psi - mean);
+            *t = h_s * (mean + share * (psi - mean));
         }
     }
 }

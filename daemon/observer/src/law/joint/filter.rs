@@ -1,5 +1,6 @@
 //! The filter: constants of a design, and what a step works in.
 
+use super::command::COMMAND_TIME_S;
 use super::covariance::Covariance;
 use super::design::JointDesign;
 use super::excitation::Excitation;
@@ -29,22 +30,38 @@ pub struct JointFilter {
     half_widths: [f64; 3],
     pub(super) largest_half_width: f64,
     pub(super) scales: Scales,
+    /// Of the newest committed step, and of the newest question.
+    decays: [Decays; 2],
     pub(super) buffers: FeatureBuffers,
     pub(super) features: Vec<f64>,
     pub(super) teaching: Vec<f64>,
     pub(super) product: Vec<f64>,
     pub(super) position_row: Vec<f64>,
-    pub(super) variances: Vec<f64>,
     pub(super) column: Vec<f64>,
 }
 
-/// e^{−h/T_k} of every row for one length of the step: computed when the length changes.
+/// e^{−h/τ} of what a prediction needs, for one length of the step: computed when the length changes.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Decays {
+    h_s: f64,
+    /// α_i, of the lags.
+    pub(super) lags: [f64; 2],
+    /// Of the disturbance.
+    pub(super) disturbance: f64,
+}
+
+/// e^{−h/T_k} of every row, and what else a committed step needs, for one length of the step: computed when it changes.
 #[derive(Debug, Clone)]
 pub(super) struct Scales {
-    pub(super) h_s: f64,
+    h_s: f64,
     /// Whether the weights do not forget.
-    pub(super) weights_stay: bool,
+    weights_stay: bool,
     pub(super) factors: Vec<f64>,
+    /// What the prior puts back: 1 − e^{−2h/T_k} of the weights, 0 of the other rows.
+    pub(super) variances: Vec<f64>,
+    /// 1 − e^{−h/τ} of the command's mean and variance, and of E.
+    pub(super) command_rate: f64,
+    pub(super) variation_rate: f64,
 }
 
 impl JointFilter {
@@ -78,13 +95,20 @@ impl JointFilter {
             box_center: std::array::from_fn(|axis| 0.5 * (upper[axis] + lower[axis])),
             half_widths,
             largest_half_width: half_widths.into_iter().fold(0.0, f64::max),
-            scales: Scales { h_s: 0.0, weights_stay: false, factors: vec![1.0; n_padded] },
+            scales: Scales {
+                h_s: 0.0,
+                weights_stay: false,
+                factors: vec![1.0; n_padded],
+                variances: vector(),
+                command_rate: 0.0,
+                variation_rate: 0.0,
+            },
+            decays: [Decays { h_s: 0.0, lags: [1.0; 2], disturbance: 1.0 }; 2],
             buffers: FeatureBuffers::new(&space),
             features: vector(),
             teaching: vector(),
             product: vector(),
             position_row: vector(),
-            variances: vector(),
             column: vector(),
             space,
             design: design.clone(),
@@ -95,7 +119,7 @@ impl JointFilter {
     pub fn new_state(&self) -> JointState {
         let mut state = JointState {
             mean: std::array::from_fn(|_| vec![0.0; self.n_padded]),
-            covariances: std::array::from_fn(|_| Covariance::zero(self.n)),
+            covariances: std::array::from_fn(|_| Covariance::zero(self.unit, self.n)),
             excitation: Excitation::new(self.n_padded),
             scalars: JointScalars::new(),
         };
@@ -147,6 +171,19 @@ impl JointFilter {
         self.restart(state);
     }
 
+    /// For a step of this length that is committed, or that is only asked for: they take turns with different lengths.
+    pub(super) fn decays(&mut self, h_s: f64, is_committed: bool) -> Decays {
+        let decays = &mut self.decays[usize::from(is_committed)];
+        if decays.h_s != h_s {
+            *decays = Decays {
+                h_s,
+                lags: self.design.lags_s.map(|lag_s| (-h_s / lag_s).exp()),
+                disturbance: (-h_s / self.design.disturbance_time_s).exp(),
+            };
+        }
+        *decays
+    }
+
     /// n: velocity, disturbance, weights, and the position where there is one.
     pub fn n_rows(&self) -> usize {
         self.n - usize::from(self.design.position_noise.is_none())
@@ -185,12 +222,14 @@ impl JointFilter {
 }
 
 impl Scales {
-    pub(super) fn set(&mut self, h_s: f64, rates_per_s: &[f64], teaches: Teaches) {
+    pub(super) fn set(&mut self, h_s: f64, rates_per_s: &[f64], variation_time_s: f64, teaches: Teaches) {
         let weights_stay = teaches == Teaches::State;
         if self.h_s == h_s && self.weights_stay == weights_stay {
             return;
         }
         (self.h_s, self.weights_stay) = (h_s, weights_stay);
+        self.command_rate = -(-h_s / COMMAND_TIME_S).exp_m1();
+        self.variation_rate = 1.0 - (-h_s / variation_time_s).exp();
         let mut before = (0.0, 1.0);
         for (row, (factor, &rate)) in self.factors.iter_mut().zip(rates_per_s).enumerate() {
             let rate = if weights_stay && row >= WEIGHTS { 0.0 } else { rate };
@@ -199,12 +238,9 @@ impl Scales {
             }
             *factor = before.1;
         }
-    }
-
-    /// 1 − s_k² of the weights' rows, 0 of the others.
-    pub(super) fn variances(&self, variances: &mut [f64]) {
-        for (variance, s) in variances.iter_mut().zip(&self.factors) {
+        for (variance, s) in self.variances.iter_mut().zip(&self.factors) {
             *variance = 1.0 - s * s;
         }
+        self.variances[DISTURBANCE] = 0.0;
     }
 }

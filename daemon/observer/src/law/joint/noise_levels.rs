@@ -65,33 +65,32 @@ impl NoiseLevels {
         mean_square: f64,
         (since_s, n_samples, correction_share): (f64, f64, f64),
     ) {
-        let measured = innovations.iter().flatten();
-        let n = measured.clone().count() as f64;
+        let gains = innovations.map(|innovation| innovation.map(|i| i.gain()));
+        let each = || innovations.iter().zip(&gains).filter_map(|(i, gain)| i.as_ref().zip(*gain));
+        let n = each().count() as f64;
         if since_s > 0.0 {
-            let inflation = self.process.powf(-1.5).max(1.0);
-            let corrections = measured.clone().map(|innovation| {
-                let gain = innovation.gain();
-                innovation.prior_variance * (1.0 - gain) * (gain / since_s) * (gain / since_s)
-            });
-            self.corrections = correction_share * correction_share * corrections.sum::<f64>() * inflation;
+            let inflation = (self.process * self.process.sqrt()).recip().max(1.0);
+            let corrections =
+                each().map(|(i, gain)| i.prior_variance * (1.0 - gain) * gain * gain).sum::<f64>();
+            let rate = correction_share / since_s;
+            self.corrections = rate * rate * corrections * inflation;
         }
         if n_samples == 0.0 {
             return;
         }
         let zeta = mean_square.sqrt();
         let chi = if zeta > 4.0 { 4.0 / zeta } else { 1.0 };
-        let gain = measured.map(Innovation::gain).sum::<f64>() / n;
-        let each = innovations.iter().zip(&self.sensitivity);
-        let correlation = each.filter_map(|(innovation, m)| innovation.map(|i| i.value * m / i.variance));
+        let gain = each().map(|(_, gain)| gain).sum::<f64>() / n;
+        let correlation = innovations.iter().zip(&self.sensitivity);
+        let correlation = correlation.filter_map(|(i, m)| i.as_ref().map(|i| i.value * m / i.variance));
         let by_scale = (chi * chi * mean_square - 1.0) / n_samples;
-        let by_gain = chi * (correlation.sum::<f64>() / n) / (gain / (2.0 - gain)).max(1e-3) / n_samples;
+        let by_gain = chi * correlation.sum::<f64>() / (n * n_samples * (gain / (2.0 - gain)).max(1e-3));
         let sensor = self.sensor * (by_scale - gain / (1.0 - gain).max(0.05) * by_gain).exp();
         let process = self.process * (by_scale + 2.0 * by_gain).exp();
         self.sensor = sensor.clamp(SENSOR_RANGE.0, SENSOR_RANGE.1);
         self.process = process.clamp(PROCESS_RANGE.0, PROCESS_RANGE.1);
-        for (m, innovation) in self.sensitivity.iter_mut().zip(innovations) {
-            if let Some(innovation) = innovation {
-                let gain = innovation.gain();
+        for ((m, innovation), gain) in self.sensitivity.iter_mut().zip(innovations).zip(gains) {
+            if let (Some(innovation), Some(gain)) = (innovation, gain) {
                 *m = (1.0 - gain) * *m + gain * chi * innovation.value;
             }
         }

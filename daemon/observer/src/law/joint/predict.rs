@@ -14,9 +14,10 @@
 use super::covariance::Covariance;
 use super::filter::JointFilter;
 use super::lags::Lags;
-use super::rows::{DISTURBANCE, KERNEL, POSITION, VELOCITY};
+use super::rows::{DISTURBANCE, POSITION, VELOCITY};
 use super::state::JointState;
 use super::teaches::Teaches;
+use crate::space::factors::lanes::VectorUnit;
 
 /// P_N² counts as white acceleration noise of this part of its variance over the disturbance's time.
 const UNCOVERED_SHARE: f64 = 0.1;
@@ -60,14 +61,16 @@ impl JointFilter {
         known: &[f64; 3],
         teaches: Teaches,
     ) -> LearnedAcceleration {
+        let decays = self.decays(h_s, true);
         let lags = &mut state.scalars.lags;
-        let differences = lags.advance(h_s, command, &self.design.lags_s);
+        let differences = lags.advance(h_s, command, (&self.design.lags_s, &decays.lags));
         let uncovered = self.evaluate_features(&state.velocity(), command, &differences);
-        state.scalars.command.follow(h_s, command);
-        let corrections = state.scalars.noise_levels.corrections;
-        let excitation = &mut state.excitation;
-        excitation.follow(self.unit, &self.features, (h_s, corrections), &self.design.excitation);
-        self.advance(state, h_s, (command, known), uncovered, teaches)
+        let (scales, design) = (&mut self.scales, &self.design.excitation);
+        scales.set(h_s, &self.rates_per_s, design.variation_time_s, teaches);
+        state.scalars.command.follow(scales.command_rate, command);
+        let levels = (h_s, scales.variation_rate, state.scalars.noise_levels.corrections);
+        state.excitation.follow(self.unit, &self.features, levels, design);
+        self.advance(state, (h_s, decays.disturbance), (command, known), uncovered)
     }
 
     /// The same in a gap, where neither a sample nor a command came: what may teach stays as it was, and the unknown
@@ -81,12 +84,15 @@ impl JointFilter {
         gap_s: f64,
         teaches: Teaches,
     ) -> LearnedAcceleration {
+        let decays = self.decays(h_s, true);
         let mut lags = state.scalars.lags;
-        let differences = lags.advance(h_s, command, &self.design.lags_s);
+        let differences = lags.advance(h_s, command, (&self.design.lags_s, &decays.lags));
         // They start anew with the next command.
         state.scalars.lags = Lags::unknown();
         let uncovered = self.evaluate_features(&state.velocity(), command, &differences);
-        let learned = self.advance(state, h_s, (command, known), uncovered, teaches);
+        let variation_time_s = self.design.excitation.variation_time_s;
+        self.scales.set(h_s, &self.rates_per_s, variation_time_s, teaches);
+        let learned = self.advance(state, (h_s, decays.disturbance), (command, known), uncovered);
         let end_s = gap_s + h_s;
         let variance = state.scalars.command.variance * (end_s * end_s - gap_s * gap_s);
         for covariance in state.covariances_in_use_mut() {
@@ -95,41 +101,41 @@ impl JointFilter {
         learned
     }
 
+    /// Over the step that the scales were set for.
     fn advance(
         &mut self,
         state: &mut JointState,
-        h_s: f64,
+        (h_s, decay): (f64, f64),
         forces: (&[f64; 3], &[f64; 3]),
         uncovered: f64,
-        teaches: Teaches,
     ) -> LearnedAcceleration {
-        let step = self.transition(state, h_s, forces, uncovered, teaches);
+        let step = self.transition(state, (h_s, decay), forces, uncovered);
+        let (f, s) = (&self.teaching, &self.scales.factors);
         for axis in 0..3 {
             let mean = &mut state.mean[axis];
-            mean.iter_mut().zip(&self.scales.factors).for_each(|(x, s)| *x *= s);
+            self.unit.compile(|| mean.iter_mut().zip(s).for_each(|(x, s)| *x *= s));
             (mean[VELOCITY], mean[POSITION]) = (step.velocity[axis], step.position[axis]);
         }
-        self.scales.variances(&mut self.variances);
-        self.variances[DISTURBANCE] = step.driven;
         let has_position = self.design.position_noise.is_some();
-        let (f, s) = (&self.teaching, &self.scales.factors);
         for covariance in state.covariances_in_use_mut() {
-            let w = &mut self.product;
-            covariance.times(self.unit, f, w);
-            let variances = step.variances(covariance, f, w);
+            let (w, w_r) = (&mut self.product, &mut self.position_row);
+            let before = MotionVariances::of(covariance);
             if has_position {
-                let before = covariance.row(VELOCITY).zip(covariance.row(POSITION));
-                for ((w_r, w), (p_v, p_r)) in self.position_row.iter_mut().zip(&*w).zip(before) {
-                    *w_r = p_r + 0.5 * h_s * (p_v + w);
+                covariance.copy_row(VELOCITY, &mut self.column);
+                covariance.copy_row(POSITION, w_r);
+            }
+            covariance.advance(f, s, &self.scales.variances, w);
+            covariance.add_to_diagonal(DISTURBANCE, step.driven);
+            let variances = step.variances(&before, f, w, self.unit);
+            if has_position {
+                for (((w_r, w), p_v), s) in w_r.iter_mut().zip(&*w).zip(&self.column).zip(s) {
+                    *w_r = (*w_r + 0.5 * h_s * (p_v + w)) * s;
                 }
             }
-            covariance.scale(self.unit, s, &self.variances);
-            w.iter_mut().zip(s).for_each(|(w, s)| *w *= s);
+            self.unit.compile(|| w.iter_mut().zip(s).for_each(|(w, s)| *w *= s));
             w[VELOCITY] = variances.velocity;
             w[DISTURBANCE] += 0.5 * step.driven * h_s;
             if has_position {
-                let w_r = &mut self.position_row;
-                w_r.iter_mut().zip(s).for_each(|(w, s)| *w *= s);
                 (w_r[VELOCITY], w_r[POSITION]) = (variances.velocity_position, variances.position);
                 w[POSITION] = variances.velocity_position;
                 covariance.set_cross(POSITION, w_r);
@@ -152,32 +158,23 @@ impl JointFilter {
         known: &[f64; 3],
         gap_s: Option<f64>,
     ) -> JointPrediction {
+        let decays = self.decays(h_s, false);
         let mut lags = state.scalars.lags;
-        let differences = lags.advance(h_s, command, &self.design.lags_s);
+        let differences = lags.advance(h_s, command, (&self.design.lags_s, &decays.lags));
         let uncovered = self.evaluate_features(&state.velocity(), command, &differences);
-        let learned_std = self.std_at_features(state, uncovered);
-        let step = self.transition(state, h_s, (command, known), uncovered, Teaches::All);
+        let step = self.transition(state, (h_s, decays.disturbance), (command, known), uncovered);
         let from_command = gap_s.map_or(0.0, |gap_s| {
             let end_s = gap_s + h_s;
             state.scalars.command.variance * (end_s * end_s - gap_s * gap_s)
         });
-        let mut variances = StepVariances::default();
-        let variances: [StepVariances; 3] = std::array::from_fn(|axis| {
-            if axis == 0 || !state.scalars.is_shared {
-                let covariance = state.covariance(axis);
-                covariance.times(self.unit, &self.teaching, &mut self.product);
-                variances = step.variances(covariance, &self.teaching, &self.product);
-                variances.velocity += from_command;
-            }
-            variances
-        });
+        let variances = self.variances_ahead(state, &step, uncovered);
         JointPrediction {
             velocity: step.velocity,
-            velocity_std: variances.map(|variances| variances.velocity.max(0.0).sqrt()),
+            velocity_std: variances.map(|(of_step, _)| (of_step.velocity + from_command).max(0.0).sqrt()),
             position: step.position,
-            position_std: variances.map(|variances| variances.position.max(0.0).sqrt()),
+            position_std: variances.map(|(of_step, _)| of_step.position.max(0.0).sqrt()),
             learned: LearnedAcceleration { value: step.learned, power_function: uncovered.sqrt() },
-            learned_std,
+            learned_std: variances.map(|(_, of_learned)| of_learned.max(0.0).sqrt()),
         }
     }
 
@@ -185,24 +182,22 @@ impl JointFilter {
     fn transition(
         &mut self,
         state: &JointState,
-        h_s: f64,
+        (h_s, decay): (f64, f64),
         (command, known): (&[f64; 3], &[f64; 3]),
         uncovered: f64,
-        teaches: Teaches,
     ) -> Transition {
-        self.scales.set(h_s, &self.rates_per_s, teaches);
-        let decay = self.scales.factors[DISTURBANCE];
         let disturbance_s = self.design.disturbance_time_s * (1.0 - decay);
-        let learned_m_s: [f64; 3] = std::array::from_fn(|axis| {
-            let mean = &state.mean[axis];
-            disturbance_s * mean[DISTURBANCE] + h_s * dot(&self.features, mean)
-        });
+        let means = state.mean.each_ref().map(|mean| &mean[..]);
+        // Of the weights alone: ψ is 0 in the other rows.
+        let of_weights = self.unit.dots(means, &self.features);
+        let learned_m_s: [f64; 3] =
+            std::array::from_fn(|axis| disturbance_s * means[axis][DISTURBANCE] + h_s * of_weights[axis]);
         let (before, position) = (state.velocity(), state.position());
         let velocity: [f64; 3] = std::array::from_fn(|axis| {
             before[axis] + learned_m_s[axis] + h_s * (command[axis] + known[axis])
         });
-        state.excitation.teaching_features(&self.features, &mut self.teaching);
-        self.teaching.iter_mut().for_each(|f| *f *= h_s);
+        let (excitation, f) = (&state.excitation, &mut self.teaching);
+        self.unit.compile(|| excitation.teaching_features(&self.features, h_s, f));
         self.teaching[VELOCITY] = 1.0;
         self.teaching[DISTURBANCE] = disturbance_s;
         self.teaching[POSITION] = 0.0;
@@ -220,7 +215,7 @@ impl JointFilter {
             // The mean over the step; at its start where it has no length.
             learned: std::array::from_fn(|axis| match h_s > 0.0 {
                 true => learned_m_s[axis] / h_s,
-                false => state.mean[axis][DISTURBANCE] + dot(&self.features, &state.mean[axis]),
+                false => means[axis][DISTURBANCE] + of_weights[axis],
             }),
             driven: disturbance_variance * (1.0 - decay * decay),
             noise: level * design.process_noise
@@ -233,27 +228,39 @@ impl JointFilter {
     /// # Cost
     /// n² multiply-adds.
     pub fn learned_std(&mut self, state: &JointState, learned: &LearnedAcceleration) -> [f64; 3] {
-        self.std_at_features(state, learned.power_function * learned.power_function)
+        let uncovered = learned.power_function * learned.power_function;
+        let variances = self.variances_ahead(state, &Transition::default(), uncovered);
+        variances.map(|(_, of_learned)| of_learned.max(0.0).sqrt())
     }
 
-    fn std_at_features(&mut self, state: &JointState, uncovered: f64) -> [f64; 3] {
-        let kernel_variance = self.design.prior.kernel * self.design.prior.kernel;
+    /// After a step with f of the newest transition; and of the unknown acceleration.
+    fn variances_ahead(
+        &mut self,
+        state: &JointState,
+        step: &Transition,
+        uncovered: f64,
+    ) -> [(MotionVariances, f64); 3] {
+        let uncovered_variance = self.design.prior.kernel * self.design.prior.kernel * uncovered;
         self.features[DISTURBANCE] = 1.0;
-        let mut shared = 0.0;
-        let deviations = std::array::from_fn(|axis| {
+        let (f, c) = (&self.teaching, &self.features);
+        let mut variances = Default::default();
+        let of_axes = std::array::from_fn(|axis| {
             if axis == 0 || !state.scalars.is_shared {
-                state.covariance(axis).times(self.unit, &self.features, &mut self.product);
-                shared =
-                    (dot_all(&self.features, &self.product) + kernel_variance * uncovered).max(0.0).sqrt();
+                let covariance = state.covariance(axis);
+                let (of_f, of_c) = (&mut self.product, &mut self.column);
+                covariance.times([f, c], [of_f, of_c]);
+                let of_step = step.variances(&MotionVariances::of(covariance), f, of_f, self.unit);
+                variances = (of_step, self.unit.dots([c], of_c)[0] + uncovered_variance);
             }
-            shared
+            variances
         });
         self.features[DISTURBANCE] = 0.0;
-        deviations
+        of_axes
     }
 }
 
 /// The means after a step, and its noises.
+#[derive(Debug, Clone, Copy, Default)]
 struct Transition {
     h_s: f64,
     velocity: [f64; 3],
@@ -265,29 +272,35 @@ struct Transition {
     noise: f64,
 }
 
-/// Variances after a step.
+/// Entries of P before or after a step.
 #[derive(Debug, Clone, Copy, Default)]
-struct StepVariances {
+struct MotionVariances {
     velocity: f64,
     velocity_position: f64,
     position: f64,
 }
 
+impl MotionVariances {
+    fn of(covariance: &Covariance) -> Self {
+        Self {
+            velocity: covariance.at(VELOCITY, VELOCITY),
+            velocity_position: covariance.at(VELOCITY, POSITION),
+            position: covariance.at(POSITION, POSITION),
+        }
+    }
+}
+
 impl Transition {
     /// From P before the step, f and w = P f.
-    fn variances(&self, covariance: &Covariance, f: &[f64], w: &[f64]) -> StepVariances {
+    fn variances(&self, before: &MotionVariances, f: &[f64], w: &[f64], unit: VectorUnit) -> MotionVariances {
         let (h_s, half) = (self.h_s, 0.5 * self.h_s);
-        let along = dot_all(f, w);
-        let (p_vv, p_rv, p_rr) = (
-            covariance.at(VELOCITY, VELOCITY),
-            covariance.at(POSITION, VELOCITY),
-            covariance.at(POSITION, POSITION),
-        );
+        let [along] = unit.dots([f], w);
+        let (p_vv, p_rv, p_rr) = (before.velocity, before.velocity_position, before.position);
         // w_r = P f_r at the rows of velocity and position, and fᵀ w_r.
         let velocity_of_w_r = p_rv + half * (p_vv + w[VELOCITY]);
         let position_of_w_r = p_rr + half * (p_rv + w[POSITION]);
         let along_w_r = w[POSITION] + half * (w[VELOCITY] + along);
-        StepVariances {
+        MotionVariances {
             velocity: along + self.noise * h_s + self.driven * h_s * h_s / 3.0,
             velocity_position: along_w_r + 0.5 * self.noise * h_s * h_s,
             position: position_of_w_r
@@ -295,14 +308,4 @@ impl Transition {
                 + self.noise * h_s * h_s * h_s / 3.0,
         }
     }
-}
-
-/// ψᵀθ: the weights' rows only; ψ is 0 elsewhere.
-fn dot(features: &[f64], mean: &[f64]) -> f64 {
-    debug_assert!(features[POSITION] == 0.0 && KERNEL > POSITION);
-    dot_all(features, mean)
-}
-
-fn dot_all(a: &[f64], b: &[f64]) -> f64 {
-    a.iter().zip(b).map(|(a, b)| a * b).sum()
 }

@@ -84,7 +84,8 @@ impl JointState {
     }
 
     /// X, the lower triangle of each axis's P, and ψ̄. No allocation.
-    pub(crate) fn write(&self, n: usize, numbers: &mut [f64]) {
+    pub(crate) fn write(&mut self, n: usize, numbers: &mut [f64]) {
+        self.covariances_in_use_mut().iter_mut().for_each(Covariance::settle);
         let mut rest = numbers;
         let mut put = |values: &[f64]| {
             let (own, others) = std::mem::take(&mut rest).split_at_mut(values.len());
@@ -94,7 +95,7 @@ impl JointState {
         self.mean.iter().for_each(|mean| put(&mean[..n]));
         for axis in 0..3 {
             let covariance = self.covariance(axis);
-            (0..n).for_each(|i| covariance.row(i).take(i + 1).for_each(|entry| put(&[entry])));
+            (0..n).for_each(|i| (0..=i).for_each(|j| put(&[covariance.at(i, j)])));
         }
         put(&self.excitation.mean[..n]);
     }
@@ -147,12 +148,20 @@ impl JointState {
 
     /// √P of the velocity, one for each axis (m/s; rad/s).
     pub fn velocity_std(&self) -> [f64; 3] {
-        std::array::from_fn(|axis| self.covariance(axis).at(VELOCITY, VELOCITY).max(0.0).sqrt())
+        self.std_of_row(VELOCITY)
     }
 
     /// √P of the position, one for each axis (m).
     pub fn position_std(&self) -> [f64; 3] {
-        std::array::from_fn(|axis| self.covariance(axis).at(POSITION, POSITION).max(0.0).sqrt())
+        self.std_of_row(POSITION)
+    }
+
+    fn std_of_row(&self, row: usize) -> [f64; 3] {
+        let std_of = |covariance: &Covariance| covariance.at(row, row).max(0.0).sqrt();
+        match self.scalars.is_shared {
+            true => [std_of(&self.covariances[0]); 3],
+            false => self.covariances.each_ref().map(std_of),
+        }
     }
 
     /// ‖θ‖.

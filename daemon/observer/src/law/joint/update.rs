@@ -152,40 +152,26 @@ impl JointFilter {
         let is_shared = state.scalars.is_shared;
         for (axis, innovation) in innovations.iter().enumerate() {
             let Some(innovation) = innovation else { continue };
+            let variance = (innovation.variance + weighing.surprise) * weighing.factor;
             if axis == 0 || !is_shared {
                 let covariance = &mut state.covariances[axis];
                 covariance.add_to_diagonal(row, weighing.surprise);
-                self.column.iter_mut().zip(covariance.row(row)).for_each(|(p, entry)| *p = entry);
-                let variance = (innovation.variance + weighing.surprise) * weighing.factor;
-                self.gain_column(variance);
+                covariance.copy_row(row, &mut self.column);
                 self.update_covariance(covariance, row, variance, teaches);
             }
             // X += (p/S_w) e.
-            let mean = &mut state.mean[axis];
+            let (mean, p, step) = (&mut state.mean[axis], &self.column, innovation.value / variance);
             match teaches {
                 Teaches::All => {
-                    for (x, gain) in mean.iter_mut().zip(&self.product) {
-                        *x += gain * innovation.value;
-                    }
+                    self.unit.compile(|| mean.iter_mut().zip(p).for_each(|(x, p)| *x += p * step));
                 }
-                Teaches::State => {
-                    for row in [VELOCITY, DISTURBANCE, POSITION] {
-                        mean[row] += self.product[row] * innovation.value;
-                    }
-                }
+                Teaches::State => STATE_ROWS.into_iter().for_each(|row| mean[row] += p[row] * step),
             }
         }
     }
 
-    /// p/S_w into `self.product`.
-    fn gain_column(&mut self, variance: f64) {
-        for (gain, p) in self.product.iter_mut().zip(&self.column) {
-            *gain = p / variance;
-        }
-    }
-
-    /// P −= p pᵀ/S_w; nothing cancels in the measured row. Where the weights are not taught, their gain is 0 (Schmidt), and
-    /// their own covariance stays.
+    /// P −= p pᵀ/S_w, p in `self.column`; nothing cancels in the measured row. Where the weights are not taught, their gain is
+    /// 0 (Schmidt), and their own covariance stays.
     fn update_covariance(
         &mut self,
         covariance: &mut Covariance,
@@ -193,29 +179,32 @@ impl JointFilter {
         variance: f64,
         teaches: Teaches,
     ) {
-        let root = variance.sqrt();
-        let (p, g) = (&self.column, &mut self.teaching);
-        for (g, p) in g.iter_mut().zip(p) {
-            *g = p / root;
-        }
+        let (p, g, remaining) = (&self.column, &mut self.teaching, &mut self.product);
+        let of_root = variance.sqrt().recip();
+        let of_row = (variance - p[row]) / variance;
+        self.unit.compile(|| {
+            for ((g, remaining), p) in g.iter_mut().zip(&mut *remaining).zip(p) {
+                (*g, *remaining) = (p * of_root, p * of_row);
+            }
+        });
+        // The measured row and column are set below.
+        g[row] = 0.0;
         match teaches {
-            Teaches::All => covariance.subtract_square(self.unit, g),
+            Teaches::All => covariance.subtract_square(g),
             Teaches::State => {
-                let state_rows = [VELOCITY, DISTURBANCE, POSITION];
-                for (position, &i) in state_rows.iter().enumerate() {
-                    for j in (0..self.n).filter(|j| !state_rows[..position].contains(j)) {
+                for (position, &i) in STATE_ROWS.iter().enumerate() {
+                    for j in (0..self.n).filter(|j| !STATE_ROWS[..position].contains(j)) {
                         covariance.set(i, j, covariance.at(i, j) - g[i] * g[j]);
                     }
                 }
             }
         }
-        let remaining = (variance - p[row]) / variance;
-        for (g, p) in g.iter_mut().zip(p) {
-            *g = p * remaining;
-        }
-        covariance.set_cross(row, g);
+        covariance.set_cross(row, remaining);
     }
 }
+
+/// Rows that a sample corrects where it does not teach.
+const STATE_ROWS: [usize; 3] = [VELOCITY, DISTURBANCE, POSITION];
 
 /// How a sample enters that may be stray.
 #[derive(Debug, Clone, Copy)]

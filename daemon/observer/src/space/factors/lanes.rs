@@ -46,6 +46,12 @@ pub fn vector_unit() -> &'static str {
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct VectorUnit(Arch);
 
+impl PartialEq for VectorUnit {
+    fn eq(&self, other: &Self) -> bool {
+        self.name() == other.name()
+    }
+}
+
 impl VectorUnit {
     /// The best one that this machine has.
     pub(crate) fn of_this_machine() -> Self {
@@ -61,6 +67,25 @@ impl VectorUnit {
     #[inline(always)]
     pub(crate) fn run<L: VectorLoop>(self, vector_loop: L) -> L::Output {
         self.0.dispatch(WithUnit(vector_loop))
+    }
+
+    /// A loop without sums, as the compiler makes it for this unit.
+    #[inline(always)]
+    pub(crate) fn compile<R>(self, plain_loop: impl FnOnce() -> R) -> R {
+        self.0.dispatch(plain_loop)
+    }
+
+    /// xᵀy of each x; all of whole lanes.
+    pub(crate) fn dots<const M: usize>(self, x: [&[f64]; M], y: &[f64]) -> [f64; M] {
+        self.run(Dots { x, y })
+    }
+
+    /// a·b + c, to the bit as [`multiply_add`] has it on this unit.
+    pub(crate) fn multiply_add(self, a: f64, b: f64, c: f64) -> f64 {
+        match self.0 {
+            Arch::Scalar => a * b + c,
+            _ => a.mul_add(b, c),
+        }
     }
 
     /// Its name, for benches.
@@ -92,6 +117,20 @@ pub(crate) fn dot<S: Simd>(simd: S, x: &[f64], y: &[f64]) -> f64 {
         sum = simd.mul_add_e_f64s(x, y, sum);
     }
     simd.reduce_sum_f64s(sum)
+}
+
+struct Dots<'a, const M: usize> {
+    x: [&'a [f64]; M],
+    y: &'a [f64],
+}
+
+impl<const M: usize> VectorLoop for Dots<'_, M> {
+    type Output = [f64; M];
+
+    #[inline(always)]
+    fn call<S: Simd>(self, simd: S) -> [f64; M] {
+        self.x.map(|x| dot(simd, x, self.y))
+    }
 }
 
 /// e^{−r} for r ≥ 0, within 2 units in the last place; where that is below the smallest normal number, about that.
@@ -169,19 +208,11 @@ mod tests {
 
     #[test]
     fn a_dot_product_has_every_term() {
-        struct Dot<'a>(&'a [f64], &'a [f64]);
-        impl VectorLoop for Dot<'_> {
-            type Output = f64;
-            #[inline(always)]
-            fn call<S: Simd>(self, simd: S) -> f64 {
-                dot(simd, self.0, self.1)
-            }
-        }
         for n in [8, 16, 24, 80] {
             let (x, y): (Vec<f64>, Vec<f64>) = (0..n).map(|i| (i as f64, (n - i) as f64)).unzip();
             let expected: f64 = x.iter().zip(&y).map(|(x, y)| x * y).sum();
             for unit in [VectorUnit::of_this_machine(), VectorUnit::baseline()] {
-                assert_eq!(unit.run(Dot(&x, &y)), expected);
+                assert_eq!(unit.dots([&x, &y], &y)[0], expected);
             }
         }
     }
