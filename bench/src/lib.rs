@@ -22,6 +22,7 @@
 mod accuracy;
 pub mod cli;
 mod demo;
+mod disturbance_filter;
 mod flights;
 mod harness;
 mod hover;

@@ -7,6 +7,7 @@ use importers::{ImportOptions, Importer, Nanobench, RecordedFlight, is_nanobench
 use nalgebra::{UnitQuaternion, Vector3};
 use observer::{Sample, Velocity};
 use shared_types::Measurement;
+use shared_types::payload::valid;
 use sim_publisher::{Scenario, Simulation, SimulationOptions};
 use std::path::{Path, PathBuf};
 
@@ -27,6 +28,8 @@ gravity_m_s2 = [0.0, 0.0, -9.81]
 velocity_noise_m_s = 0.005
 speed_box_m_s = [2.0, 2.0, 1.0]
 ";
+/// And where the motion capture's fixes are taken in place of velocities.
+const NANOBENCH_BY_POSITIONS: &str = "position_noise_m = 0.001\n";
 
 /// A flight that is judged, and the configuration for it.
 #[derive(Debug, Clone)]
@@ -35,8 +38,12 @@ pub(super) struct Case {
     pub(super) config: ConfigFile,
     /// In the air; velocities along inertial axes.
     pub(super) samples: Vec<Sample>,
-    /// The true velocities of the samples, where they are known.
-    truths: Option<Vec<Vector3<f64>>>,
+    /// Whether positions are measured in place of velocities.
+    pub(super) by_positions: bool,
+    /// What estimates of the samples' velocities are compared with.
+    truths: Vec<Option<Vector3<f64>>>,
+    /// What the importer says of the flight.
+    pub(super) remarks: Vec<String>,
     gap_ns: u64,
 }
 
@@ -45,10 +52,10 @@ impl Case {
         name: String,
         config: ConfigFile,
         samples: Vec<Sample>,
-        truths: Option<Vec<Vector3<f64>>>,
+        truths: Vec<Option<Vector3<f64>>>,
     ) -> anyhow::Result<Self> {
-        let measured: Vec<u64> =
-            samples.iter().filter(|sample| sample.velocity.is_some()).map(|sample| sample.stamp_ns).collect();
+        let with_truth = samples.iter().zip(&truths).filter(|(_, truth)| truth.is_some());
+        let measured: Vec<u64> = with_truth.map(|(sample, _)| sample.stamp_ns).collect();
         let duration_s = match (measured.first(), measured.last()) {
             (Some(first), Some(last)) => (last - first) as f64 / 1e9,
             _ => 0.0,
@@ -65,13 +72,15 @@ impl Case {
         periods.sort_unstable();
         let period_ns = periods[periods.len() / 2];
         let gap_ns = (GAP_PERIODS * period_ns as f64) as u64;
-        Ok(Self { name, config, samples, truths, gap_ns })
+        let by_positions = samples.iter().all(|sample| sample.velocity.is_none());
+        Ok(Self { name, config, samples, by_positions, truths, remarks: Vec::new(), gap_ns })
     }
 
     /// For tests: a flight with the preset of the X8.
     #[cfg(test)]
     pub(super) fn of(name: &str, samples: Vec<Sample>) -> Self {
-        Self::new(name.into(), ConfigFile::preset("acsl-x8").unwrap(), samples, None).unwrap()
+        let truths = samples.iter().map(measured_velocity).collect();
+        Self::new(name.into(), ConfigFile::preset("acsl-x8").unwrap(), samples, truths).unwrap()
     }
 
     /// Whether from one velocity to the next too long a time passed.
@@ -81,11 +90,7 @@ impl Case {
 
     /// What an estimate of a sample's velocity is compared with; `None` where it was not measured.
     pub(super) fn velocity(&self, index: usize) -> Option<Vector3<f64>> {
-        match (&self.truths, self.samples[index].velocity) {
-            (Some(truths), Some(_)) => Some(truths[index]),
-            (None, Some(Velocity::Inertial(measured))) => Some(measured),
-            _ => None,
-        }
+        self.truths[index]
     }
 
     pub(super) fn translation(&self) -> &TranslationConfig {
@@ -154,7 +159,7 @@ fn collect(directory: &Path, files: &mut Vec<PathBuf>) -> anyhow::Result<()> {
 }
 
 /// A recorded flight, with this configuration or the one of its format.
-pub(super) fn recorded(file: &Path, config: Option<&ConfigFile>) -> anyhow::Result<Case> {
+pub(super) fn recorded(file: &Path, config: Option<&ConfigFile>, by_positions: bool) -> anyhow::Result<Case> {
     let by_ending = importers::by_ending(file)
         .context("the ending of no format; needed: one of those that sim_publisher inspect knows")?;
     let importer: &dyn Importer = match by_ending.format().name {
@@ -166,16 +171,21 @@ pub(super) fn recorded(file: &Path, config: Option<&ConfigFile>) -> anyhow::Resu
     let config = match (config, format) {
         (Some(config), _) => config.clone(),
         (None, "acsl") => ConfigFile::preset("acsl-x8")?,
-        (None, "nanobench") => ConfigFile::parse("the NanoBench vehicle".into(), NANOBENCH.into())?,
+        (None, "nanobench") => {
+            let fixes = if by_positions { NANOBENCH_BY_POSITIONS } else { "" };
+            ConfigFile::parse("the NanoBench vehicle".into(), format!("{NANOBENCH}{fixes}"))?
+        }
         (None, _) => ConfigFile::preset("rigid-body")?,
     };
-    case_of(file.display().to_string(), config, in_the_air(flight))
+    let remarks = flight.remarks.clone();
+    let case = case_of(file.display().to_string(), config, in_the_air(flight), by_positions)?;
+    Ok(Case { remarks, ..case })
 }
 
 /// The part in the air: as the format marks it, else clear of the lowest point with z down; all of it without a position.
 fn in_the_air(flight: RecordedFlight) -> Vec<Measurement> {
     let flight = flight.airborne_only().unwrap_or(flight);
-    let down_m = |m: &Measurement| m.has(shared_types::payload::valid::POSITION).then(|| m.position_m[2]);
+    let down_m = |m: &Measurement| m.has(valid::POSITION).then(|| m.position_m[2]);
     let Some(lowest_m) = flight.samples.iter().filter_map(down_m).reduce(f64::max) else {
         return flight.samples;
     };
@@ -189,14 +199,32 @@ fn in_the_air(flight: RecordedFlight) -> Vec<Measurement> {
     }
 }
 
-fn case_of(name: String, mut config: ConfigFile, measured: Vec<Measurement>) -> anyhow::Result<Case> {
+fn case_of(
+    name: String,
+    mut config: ConfigFile,
+    measured: Vec<Measurement>,
+    by_positions: bool,
+) -> anyhow::Result<Case> {
     let limits = config.config.input;
     let samples = measured.iter().filter_map(|m| sample_of(m, &limits).ok());
-    let samples: Vec<Sample> = samples.filter_map(with_inertial_velocity).collect();
+    let mut samples: Vec<Sample> = samples.filter_map(with_inertial_velocity).collect();
+    let truths = samples.iter().map(measured_velocity).collect();
     ensure!(config.config.translation.is_some(), "the configuration has no [translation]");
+    if by_positions {
+        let has_fix = |sample: &Sample| sample.position_m.is_some();
+        ensure!(samples.iter().any(has_fix), "no position; needed by --positions");
+        samples.iter_mut().for_each(|sample| sample.velocity = None);
+    }
     // The velocity is inertial: the rotation has no part in it.
     config.config.rotation = None;
-    Case::new(name, config, samples, None)
+    Case::new(name, config, samples, truths)
+}
+
+fn measured_velocity(sample: &Sample) -> Option<Vector3<f64>> {
+    match sample.velocity {
+        Some(Velocity::Inertial(velocity)) => Some(velocity),
+        _ => None,
+    }
 }
 
 /// A body velocity turned by the attitude of the same sample; `None` without one.
@@ -225,12 +253,40 @@ pub(super) fn simulated() -> anyhow::Result<Vec<Case>> {
         for simulated in Simulation::new(&options)? {
             let sample = simulated.measurement.and_then(|m| sample_of(&m, &limits).ok());
             if let Some(sample) = sample.and_then(with_inertial_velocity) {
+                truths.push(sample.velocity.map(|_| Vector3::from(simulated.truth.velocity_m_s)));
                 samples.push(sample);
-                truths.push(Vector3::from(simulated.truth.velocity_m_s));
             }
         }
         config.config.rotation = None;
-        Case::new(name.into(), config, samples, Some(truths))
+        Case::new(name.into(), config, samples, truths)
     })
     .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn measured(j: u64) -> Measurement {
+        let t = j as f64 * 0.01;
+        let mut measured = Measurement::default()
+            .with_velocity_m_s([t, 0.0, 0.0])
+            .with_position_m([0.5 * t * t, 0.0, -1.0])
+            .with_force_n([2.2, 0.0, -2.2 * 9.81]);
+        (measured.sequence, measured.stamp_ns) = (j, j * 10_000_000);
+        measured
+    }
+
+    #[test]
+    fn by_positions_the_velocity_is_compared_with_and_not_taken() {
+        let config = ConfigFile::preset("acsl-x8").unwrap();
+        let case = case_of("a".into(), config.clone(), (0..600).map(measured).collect(), true).unwrap();
+        assert!(case.by_positions && case.samples.iter().all(|sample| sample.velocity.is_none()));
+        assert_eq!(case.velocity(100), Some(Vector3::new(1.0, 0.0, 0.0)));
+
+        let without =
+            (0..600).map(|j| Measurement { valid: measured(j).valid & !valid::POSITION, ..measured(j) });
+        let refused = case_of("b".into(), config, without.collect(), true).unwrap_err().to_string();
+        assert_eq!(refused, "no position; needed by --positions");
+    }
 }

@@ -1,8 +1,8 @@
 //! The estimators that `bench accuracy` compares, each as it takes samples and predicts the velocity.
 
-use crate::kalman::noise_variance_m2_s2;
+use crate::disturbance_filter::{DisturbanceFilter, known_force_n};
 use daemon::config::TranslationConfig;
-use nalgebra::{Matrix2, Matrix4, SMatrix, Vector3, Vector4};
+use nalgebra::{Matrix4, SMatrix, UnitQuaternion, Vector3, Vector4};
 use observer::{Learn, RigidBodyObserver, Sample, Velocity};
 
 /// Forgetting time of the least squares (s).
@@ -75,89 +75,15 @@ impl Estimator for Observer {
     }
 }
 
-/// A velocity and a force that is a random walk, or a Gauss–Markov process: one Kalman filter; the axes share the covariance.
-///
-/// `v' = (u + f)/m + g,   f' = −f/τ + w,   y = v + δ`   with w white of density q; without τ a random walk
-#[derive(Clone)]
-pub(super) struct DisturbanceFilter {
-    mass_kg: f64,
-    force_density_n2_s: f64,
-    /// τ (s).
-    force_time_s: Option<f64>,
-    noise_variance_m2_s2: f64,
-    known_n: Vector3<f64>,
-    input_n: Vector3<f64>,
-    velocity_m_s: Vector3<f64>,
-    force_n: Vector3<f64>,
-    covariance: Matrix2<f64>,
-    stamp_ns: Option<u64>,
-}
-
-impl DisturbanceFilter {
-    /// A filter that starts with an unknown force of about 10 N.
-    pub(super) fn new(
-        translation: &TranslationConfig,
-        force_density_n2_s: f64,
-        force_time_s: Option<f64>,
-    ) -> anyhow::Result<Self> {
-        let noise_variance_m2_s2 = noise_variance_m2_s2(translation)?;
-        let force_variance = match force_time_s {
-            Some(time_s) => 0.5 * force_density_n2_s * time_s,
-            None => 100.0,
-        };
-        Ok(Self {
-            mass_kg: translation.mass_kg,
-            force_density_n2_s,
-            force_time_s,
-            noise_variance_m2_s2,
-            known_n: known_force_n(translation),
-            input_n: Vector3::zeros(),
-            velocity_m_s: Vector3::zeros(),
-            force_n: Vector3::zeros(),
-            covariance: Matrix2::new(noise_variance_m2_s2, 0.0, 0.0, force_variance),
-            stamp_ns: None,
-        })
-    }
-
-    fn advance(&mut self, stamp_ns: u64) {
-        let Some(from_ns) = self.stamp_ns.filter(|from_ns| *from_ns < stamp_ns) else { return };
-        let (h, m, q) = ((stamp_ns - from_ns) as f64 / 1e9, self.mass_kg, self.force_density_n2_s);
-        let (kept, mean_s) = match self.force_time_s {
-            Some(time_s) => ((-h / time_s).exp(), time_s * (1.0 - (-h / time_s).exp())),
-            None => (1.0, h),
-        };
-        let transition = Matrix2::new(1.0, mean_s / m, 0.0, kept);
-        // To the order of the random walk; a step is short beside τ.
-        let noise = q * Matrix2::new(h.powi(3) / (3.0 * m * m), h * h / (2.0 * m), h * h / (2.0 * m), h);
-        self.velocity_m_s += (h * (self.input_n + self.known_n) + mean_s * self.force_n) / m;
-        self.force_n *= kept;
-        self.covariance = transition * self.covariance * transition.transpose() + noise;
-        self.stamp_ns = Some(stamp_ns);
-    }
-}
-
 impl Estimator for DisturbanceFilter {
     fn predict(&mut self, stamp_ns: u64) -> Prediction {
-        self.advance(stamp_ns);
-        let std = self.covariance[(0, 0)].sqrt();
-        Prediction { velocity_m_s: self.velocity_m_s, std_m_s: Some([std; 3]) }
+        Self::predict(self, stamp_ns);
+        Prediction { velocity_m_s: self.velocity_m_s(), std_m_s: Some([self.velocity_std_m_s(); 3]) }
     }
 
     fn take(&mut self, sample: &Sample) {
-        self.advance(sample.stamp_ns);
-        self.input_n = sample.force_n.unwrap_or(self.input_n);
-        let Some(Velocity::Inertial(measured)) = sample.velocity else { return };
-        if self.stamp_ns.is_none() {
-            self.velocity_m_s = measured;
-            self.stamp_ns = Some(sample.stamp_ns);
-            return;
-        }
-        let column = self.covariance.column(0).into_owned();
-        let gain = column / (column[0] + self.noise_variance_m2_s2);
-        let error = measured - self.velocity_m_s;
-        self.velocity_m_s += gain[0] * error;
-        self.force_n += gain[1] * error;
-        self.covariance -= gain * column.transpose();
+        // The velocities of a case are inertial.
+        Self::take(self, sample, &UnitQuaternion::identity());
     }
 }
 
@@ -251,14 +177,9 @@ impl Estimator for LeastSquares {
     }
 }
 
-fn known_force_n(translation: &TranslationConfig) -> Vector3<f64> {
-    translation.mass_kg * Vector3::from(translation.gravity_m_s2) + Vector3::from(translation.known_force_n)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::kalman::KalmanFilter;
     use daemon::config::ConfigFile;
 
     fn translation() -> TranslationConfig {
@@ -272,42 +193,6 @@ mod tests {
             force_n: Some(force_n),
             ..Sample::default()
         }
-    }
-
-    #[test]
-    fn the_kalman_filter_is_that_of_another_library() {
-        let translation = translation();
-        let mut filter = DisturbanceFilter::new(&translation, 3.0, None).unwrap();
-        let variance = noise_variance_m2_s2(&translation).unwrap();
-        let mut other = KalmanFilter::new(translation.mass_kg, 3.0, variance);
-        let known_n = known_force_n(&translation);
-        for j in 0..300_u64 {
-            let t = j as f64 * 0.01;
-            let velocity = Vector3::new(t.sin(), 0.3 * t, (3.0 * t).cos());
-            let force_n = Vector3::new(t.cos(), 1.0, -21.0);
-            filter.take(&sample(j * 10_000_000, velocity, force_n));
-            if j == 0 {
-                other.start_at(&velocity)
-            } else {
-                other.correct(&velocity).unwrap()
-            }
-            other.predict(&(force_n + known_n), 0.01);
-            let predicted = filter.predict((j + 1) * 10_000_000);
-            assert!((predicted.velocity_m_s - other.velocity_m_s()).norm() < 1e-9, "{j}");
-        }
-    }
-
-    /// The stationary variance of a force that nobody measures is qτ/2.
-    #[test]
-    fn without_samples_a_gauss_markov_force_keeps_its_stationary_variance_and_fades() {
-        let mut filter = DisturbanceFilter::new(&translation(), 2.0, Some(0.5)).unwrap();
-        filter.take(&sample(0, Vector3::zeros(), Vector3::zeros()));
-        filter.force_n = Vector3::x();
-        for j in 1..=500 {
-            filter.predict(j * 1_000_000);
-        }
-        assert!((filter.force_n.x - (-1.0_f64).exp()).abs() < 1e-9);
-        assert!((filter.covariance[(1, 1)] / 0.5 - 1.0).abs() < 0.01, "{}", filter.covariance[(1, 1)]);
     }
 
     /// v' = (u − 0.4 v − 0.3 |v| v)/m without noise: the coefficients are found, and a coast follows.

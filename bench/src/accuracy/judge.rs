@@ -85,7 +85,7 @@ pub(super) fn judge(case: &Case, mut estimator: impl Estimator) -> Judgement {
             judgement.residuals.push((t_s, predicted.velocity_m_s - truth));
         }
         estimator.take(sample);
-        if sample.velocity.is_none() {
+        if case.velocity(index).is_none() {
             continue;
         }
         newest_ns = Some(sample.stamp_ns);
@@ -112,7 +112,7 @@ fn coast(case: &Case, start: usize, mut estimator: impl Estimator, judgement: &m
     let mut horizon = 0;
     let mut newest_ns = start_ns;
     for (index, sample) in case.samples.iter().enumerate().skip(start + 1) {
-        let has_velocity = sample.velocity.is_some();
+        let has_velocity = case.velocity(index).is_some();
         if case.is_gap(newest_ns, sample.stamp_ns) {
             return;
         }

@@ -14,6 +14,7 @@ mod judge;
 mod page;
 mod report;
 
+use crate::disturbance_filter::DisturbanceFilter;
 use crate::harness::output::{progress_bar, show};
 use crate::kalman::densities_n2_s;
 use anyhow::{Context, ensure};
@@ -21,7 +22,7 @@ use cases::Case;
 use clap::Args;
 use daemon::assemble;
 use daemon::config::ConfigFile;
-use estimators::{DisturbanceFilter, LeastSquares, Observer};
+use estimators::{LeastSquares, Observer};
 use judge::{HORIZONS_S, Judgement, judge};
 use observer::{ChannelName, Learn, RigidBodyObserver};
 use report::{Estimators, Report};
@@ -48,6 +49,9 @@ pub(crate) struct AccuracyArguments {
     /// NanoBench vehicle for its tables, preset rigid-body otherwise].
     #[arg(long, value_name = "FILE")]
     config: Option<PathBuf>,
+    /// Take position fixes in place of the velocities, which are only compared with.
+    #[arg(long)]
+    positions: bool,
     /// Start from what this flight teaches: another flight of the same vehicle.
     #[arg(long, value_name = "FILE")]
     warm: Option<PathBuf>,
@@ -79,7 +83,11 @@ impl Kind {
         alone.into_iter().chain(swept).collect()
     }
 
+    /// Empty where the estimator cannot take what the case measures.
     fn judge(self, case: &Case, warm: &Warm) -> anyhow::Result<Judgement> {
+        if case.by_positions && matches!(self, Self::Gradient | Self::LeastSquares) {
+            return Ok(Judgement::default());
+        }
         let translation = case.translation();
         let density = |index: usize| densities_n2_s(translation.mass_kg)[index];
         Ok(match self {
@@ -121,7 +129,11 @@ impl Warm {
             translation.read_saved(0, &mut learned);
             Ok(learned)
         };
-        Ok(Self { joint: learned(&case.config)?, gradient: learned(&case.with_the_gradient_law()?)? })
+        let gradient = match case.by_positions {
+            true => Vec::new(),
+            false => learned(&case.with_the_gradient_law()?)?,
+        };
+        Ok(Self { joint: learned(&case.config)?, gradient })
     }
 
     fn started(&self, mut observer: RigidBodyObserver, learned: &[f64]) -> anyhow::Result<RigidBodyObserver> {
@@ -148,7 +160,7 @@ pub(crate) fn run(arguments: &AccuracyArguments) -> anyhow::Result<()> {
     let mut cases = Vec::new();
     let mut refused = Vec::new();
     for file in cases::files_of(&arguments.paths)? {
-        match cases::recorded(&file, config.as_ref()) {
+        match cases::recorded(&file, config.as_ref(), arguments.positions) {
             Ok(case) => cases.push(case),
             Err(error) => {
                 logln!("bench: '{}' is not judged: {error:#}", file.display());
@@ -157,11 +169,12 @@ pub(crate) fn run(arguments: &AccuracyArguments) -> anyhow::Result<()> {
         }
     }
     if arguments.simulated {
+        ensure!(!arguments.positions, "--positions is for recorded flights; leave out --simulated");
         cases.extend(cases::simulated()?);
     }
     ensure!(!cases.is_empty(), "no flight can be judged; needed: a log that sim_publisher inspect reads");
     let warm = match &arguments.warm {
-        Some(file) => Warm::of(&cases::recorded(file, config.as_ref())?)?,
+        Some(file) => Warm::of(&cases::recorded(file, config.as_ref(), arguments.positions)?)?,
         None => Warm::default(),
     };
     let judged = judge_all(&cases, &warm)?;

@@ -61,7 +61,7 @@ pub(super) fn write(
         writeln!(page, "<tr{class}>{row}</tr>").expect("a string takes everything");
     }
     page += "</table>\n";
-    for sentence in report.not_judged() {
+    for sentence in report.remarks() {
         writeln!(page, "<p>{}</p>", escaped(&sentence)).expect("a string takes everything");
     }
     for (index, (case, estimators)) in cases.iter().zip(judged).enumerate() {

@@ -109,6 +109,8 @@ impl Row {
 pub(super) struct Report {
     rows: Vec<Row>,
     refused: Vec<(String, String)>,
+    /// What importers say of flights.
+    remarks: Vec<(String, String)>,
     /// Geometric means of the ratios to the best Kalman filter, by estimator.
     means: Vec<(&'static str, [Option<f64>; N_COLUMNS])>,
 }
@@ -142,7 +144,11 @@ impl Report {
             };
             (name, std::array::from_fn(mean))
         });
-        Self { rows, refused, means: means.to_vec() }
+        let remarks_of = |case: &Case| {
+            let name = case.name.clone();
+            case.remarks.clone().into_iter().map(move |remark| (name.clone(), remark))
+        };
+        Self { rows, refused, remarks: cases.iter().flat_map(remarks_of).collect(), means: means.to_vec() }
     }
 
     pub(super) fn json(&self) -> Value {
@@ -155,6 +161,8 @@ impl Report {
         json!({
             "rows": self.rows.iter().map(Row::json).collect::<Vec<_>>(),
             "geometric_mean_over_kalman": means.collect::<Vec<_>>(),
+            "remarks": self.remarks.iter().map(|(file, remark)| json!({ "file": file, "remark": remark }))
+                .collect::<Vec<_>>(),
             "not_judged": self.refused.iter().map(|(file, reason)| json!({ "file": file, "reason": reason }))
                 .collect::<Vec<_>>(),
         })
@@ -206,9 +214,10 @@ impl Report {
             .collect()
     }
 
-    /// Of the files that are not judged, a sentence each.
-    pub(super) fn not_judged(&self) -> impl Iterator<Item = String> {
-        self.refused.iter().map(|(file, reason)| format!("{file} is not judged: {reason}"))
+    /// What importers say of flights, and of the files that are not judged a sentence each.
+    pub(super) fn remarks(&self) -> impl Iterator<Item = String> {
+        let remarks = self.remarks.iter().map(|(file, remark)| format!("{}: {remark}", short(file)));
+        remarks.chain(self.refused.iter().map(|(file, reason)| format!("{file} is not judged: {reason}")))
     }
 
     pub(super) fn print(&self, page: Option<&Path>) {
@@ -223,7 +232,7 @@ impl Report {
             "kalman, gauss-markov: the best of 17 densities in each column; kalman-one-q: one for all flights.\n\
              The band has no part for the sensor's own noise, which the error after a coast on a recorded flight contains."
         );
-        self.not_judged().for_each(|remark| outln!("{remark}"));
+        self.remarks().for_each(|remark| outln!("{remark}"));
         if let Some(page) = page {
             outln!("{}", page.display());
         }

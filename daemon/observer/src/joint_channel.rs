@@ -126,7 +126,8 @@ impl PlantOfBody {
     }
 
     fn is_coasting(&self, history: &JointHistory, at_ns: u64) -> bool {
-        history.output_stamp_ns.is_none_or(|output_ns| at_ns.saturating_sub(output_ns) > self.hold_ns)
+        let newest_ns = history.output_stamp_ns.or(history.fix_stamp_ns);
+        newest_ns.is_none_or(|newest_ns| at_ns.saturating_sub(newest_ns) > self.hold_ns)
     }
 
     /// Moves to a grid point or a sample, within a gap or outside of one. Returns what was learned of the step.
@@ -319,7 +320,12 @@ impl<K: JointPose> JointChannel<K> {
             self.at.pose.take_innovations(agreement);
         }
         if self.filter.design().position_noise.is_some() {
-            self.filter.update_position(state, &sample.position, &position_std, teaches);
+            let was_coasting = self.plant.is_coasting(history, stamp_ns);
+            let since_s = history.since_agreed_fix_s(stamp_ns);
+            let fix = self.filter.update_position(state, &sample.position, &position_std, since_s, teaches);
+            if let Some(fix) = fix {
+                history.see_fix(stamp_ns, fix.output_error(), fix.nis, !fix.is_stray && !was_coasting);
+            }
         }
         agreement
     }
@@ -433,7 +439,7 @@ impl<K: JointPose> JointChannel<K> {
             native_norm: state.weights_norm(),
             solver_error: 0.0,
             error_bound: f64::INFINITY,
-            output_age_s: match history.output_stamp_ns {
+            output_age_s: match history.output_stamp_ns.or(history.fix_stamp_ns) {
                 Some(output_ns) => seconds(stamp_ns.saturating_sub(output_ns)),
                 None => f64::INFINITY,
             },

@@ -2,7 +2,7 @@
 //!
 //! World axes with z up. The velocity is the motion capture's, a derivative smoothed over some rows in both directions; where
 //! a frame was lost it is left out. The force is the thrust along z of the body: mass × k Σ (PWM/65535)² V², with the battery's
-//! voltage V. One k is fitted on the first quarter of the time with running motors, to the specific force that the
+//! voltage V. Where the on-board filter's velocity is there, a remark says its error against the motion capture's. One k is fitted on the first quarter of the time with running motors, to the specific force that the
 //! accelerometer measures along z. From where the motors are one straight line for a second, the radio was lost: the flight ends
 //! there.
 //!
@@ -16,6 +16,7 @@ use crate::importer::{Format, ImportOptions, Importer};
 use csv::ByteRecord;
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 use shared_types::Measurement;
+use shared_types::payload::valid;
 use std::ops::Range;
 
 /// The vehicle with its deck (kg).
@@ -53,6 +54,8 @@ const COLUMNS: [&str; 19] = [
     "pwr_pm_vbat",
 ];
 const TIME: &str = "t";
+/// The on-board filter's velocity; not needed.
+const ON_BOARD: [&str; 3] = ["est_stateEstimate_vx", "est_stateEstimate_vy", "est_stateEstimate_vz"];
 
 /// A flight of the NanoBench data set.
 #[derive(Debug)]
@@ -88,9 +91,14 @@ struct Row {
     line: u64,
     time_ns: i128,
     numbers: [f64; COLUMNS.len()],
+    on_board_m_s: Option<Vector3<f64>>,
 }
 
 impl Row {
+    fn velocity_m_s(&self) -> Vector3<f64> {
+        Vector3::from_column_slice(&self.numbers[7..10])
+    }
+
     fn motors(&self) -> [f64; 4] {
         std::array::from_fn(|motor| self.numbers[14 + motor])
     }
@@ -135,13 +143,15 @@ fn parse(bytes: &[u8], path: &str) -> Imported {
     };
     let time = place_of(TIME)?;
     let places = COLUMNS.iter().map(|column| place_of(column)).collect::<Imported<Vec<usize>>>()?;
+    let on_board: Vec<usize> =
+        ON_BOARD.iter().filter_map(|column| names.iter().position(|name| name == column)).collect();
     let mut flight = Collector::default();
     let mut rows = Vec::new();
     let mut record = ByteRecord::new();
     // Reading bytes of memory into a flexible record leaves no error but the end.
     while reader.read_byte_record(&mut record).unwrap_or(false) {
         let line = record.position().map_or(0, csv::Position::line);
-        match read_row(&record, line, time, &places) {
+        match read_row(&record, line, time, (&places, &on_board)) {
             Ok(row) => rows.push(row),
             Err(reason) => flight.skipped.add(reason, line),
         }
@@ -164,10 +174,20 @@ fn parse(bytes: &[u8], path: &str) -> Imported {
         }
     }
     let airborne = airborne(&flight.samples, &is_running);
+    if let Some(airborne) = &airborne {
+        // The time in which estimators of ours are judged, too.
+        let judged = &flight.samples[airborne.start + airborne.len() / 2..airborne.end];
+        flight.remarks.extend(on_board_error(judged, &rows, flight.first_ns.unwrap_or(0)));
+    }
     flight.finish(path, airborne)
 }
 
-fn read_row(record: &ByteRecord, line: u64, time: usize, places: &[usize]) -> Result<Row, SkipReason> {
+fn read_row(
+    record: &ByteRecord,
+    line: u64,
+    time: usize,
+    (places, on_board): (&[usize], &[usize]),
+) -> Result<Row, SkipReason> {
     let text = |place: usize| -> Result<&str, SkipReason> {
         let cell = record.get(place).ok_or(SkipReason::TooFewValues)?;
         str::from_utf8(cell).map(str::trim).map_err(|_| SkipReason::NotANumber)
@@ -178,7 +198,28 @@ fn read_row(record: &ByteRecord, line: u64, time: usize, places: &[usize]) -> Re
         *number = Some(value).filter(|value| value.is_finite()).ok_or(SkipReason::NotANumber)?;
     }
     let time_ns = parse_ns(text(time)?, 1_000_000_000).ok_or(SkipReason::NotANumber)?;
-    Ok(Row { line, time_ns, numbers })
+    let on_board =
+        on_board.iter().map(|&place| text(place).ok()?.parse().ok().filter(|v: &f64| v.is_finite()));
+    let on_board_m_s = match on_board.collect::<Option<Vec<f64>>>().as_deref() {
+        Some(&[vx, vy, vz]) => Some(Vector3::new(vx, vy, vz)),
+        _ => None,
+    };
+    Ok(Row { line, time_ns, numbers, on_board_m_s })
+}
+
+/// RMS of the on-board filter's velocity error against the motion capture's, in the time of these samples.
+fn on_board_error(samples: &[Measurement], rows: &[Row], first_ns: i128) -> Option<String> {
+    let has_velocity = |row: &&Row| {
+        let at =
+            samples.binary_search_by_key(&(row.time_ns - first_ns), |sample| i128::from(sample.stamp_ns));
+        at.is_ok_and(|at| samples[at].has(valid::VELOCITY))
+    };
+    let of_row = |row: &Row| row.on_board_m_s.map(|velocity| (velocity - row.velocity_m_s()).norm_squared());
+    let squares: Vec<f64> = rows.iter().filter(has_velocity).filter_map(of_row).collect();
+    let rms_m_s = (squares.iter().sum::<f64>() / squares.len() as f64).sqrt();
+    (!squares.is_empty()).then(|| {
+        format!("on-board filter: velocity error {rms_m_s:.3} m/s (RMS, second half in the air, against motion capture)")
+    })
 }
 
 /// The row from which on the running motors are one straight line, or all rows.
@@ -222,7 +263,6 @@ fn airborne(samples: &[Measurement], is_running: &[bool]) -> Option<Range<usize>
 #[cfg(test)]
 mod tests {
     use super::*;
-    use shared_types::payload::valid;
 
     /// Hover at 1 m with yaw 90°: 100 rows of a motor that flickers, from row 20 on; a frame is lost after row 60.
     fn table(rows: usize, pwm: impl Fn(usize) -> f64) -> String {

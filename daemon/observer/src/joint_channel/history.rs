@@ -1,6 +1,7 @@
 //! What a joint channel remembers of its samples, beside what the filter estimates.
 
 use crate::law::joint::teaches::Teaches;
+use crate::timeline::seconds;
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
@@ -20,6 +21,10 @@ pub(crate) struct JointHistory {
     pub(crate) command: Vector3<f64>,
     /// Stamp of the newest output (ns).
     pub(crate) output_stamp_ns: Option<u64>,
+    /// Of the newest position fix where no output ever came (ns).
+    pub(crate) fix_stamp_ns: Option<u64>,
+    /// Of the newest one that agreed (ns).
+    agreed_fix_stamp_ns: Option<u64>,
     /// When outputs and when commands come.
     outputs: Rhythm,
     commands: Rhythm,
@@ -38,6 +43,8 @@ impl JointHistory {
         Self {
             command: Vector3::zeros(),
             output_stamp_ns: None,
+            fix_stamp_ns: None,
+            agreed_fix_stamp_ns: None,
             outputs: Rhythm::default(),
             commands: Rhythm::default(),
             outputs_within: 0,
@@ -71,10 +78,32 @@ impl JointHistory {
 
     /// An output with this e, within the gate or not, after an outage or not.
     pub(crate) fn see_output(&mut self, stamp_ns: u64, output_error: f64, nis: f64, agrees: bool) {
+        self.follow(stamp_ns, output_error, nis, agrees);
+        self.output_stamp_ns = Some(stamp_ns);
+    }
+
+    /// A position fix. It is what there is to follow where no velocity ever comes.
+    pub(crate) fn see_fix(&mut self, stamp_ns: u64, error: f64, nis: f64, agrees: bool) {
+        if self.output_stamp_ns.is_none() {
+            self.follow(stamp_ns, error, nis, agrees);
+            self.fix_stamp_ns = Some(stamp_ns);
+            if agrees || self.agreed_fix_stamp_ns.is_none() {
+                self.agreed_fix_stamp_ns = Some(stamp_ns);
+            }
+        }
+    }
+
+    /// The time since a fix agreed (s), where fixes are all that is measured.
+    pub(crate) fn since_agreed_fix_s(&self, stamp_ns: u64) -> Option<f64> {
+        let agreed_ns = self.agreed_fix_stamp_ns.filter(|_| self.output_stamp_ns.is_none())?;
+        Some(seconds(stamp_ns.saturating_sub(agreed_ns))).filter(|since_s| *since_s > 0.0)
+    }
+
+    fn follow(&mut self, stamp_ns: u64, error: f64, nis: f64, agrees: bool) {
         let within = if agrees { self.outputs_within + 1 } else { 0 };
         self.outputs_within = within.min(OUTPUTS_TO_TRACK);
         self.outputs.see(stamp_ns);
-        (self.output_stamp_ns, self.nis, self.output_error) = (Some(stamp_ns), nis, output_error);
+        (self.nis, self.output_error) = (nis, error);
     }
 }
 

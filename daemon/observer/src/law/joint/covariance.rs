@@ -307,10 +307,9 @@ impl VectorLoop for Times<'_> {
 
     #[inline(always)]
     fn call<S: Simd>(self, simd: S) {
-        let Self { covariance: Covariance { width, velocity_row, entries, square: g, .. }, f, c, products } =
-            self;
-        let [of_f, of_c] = products;
-        by_blocks!(*width, times_block(simd, (velocity_row, entries), *width, g, (f, c), of_f, of_c));
+        let Self { covariance, f, c, mut products } = self;
+        let Covariance { width, velocity_row, entries, square: g, .. } = covariance;
+        by_blocks!(*width, times_block(simd, (velocity_row, entries), *width, g, (f, c), &mut products));
     }
 }
 
@@ -322,8 +321,7 @@ fn times_block<S: Simd, const W: usize>(
     width: usize,
     g: &[f64],
     (f, c): (&[f64], &[f64]),
-    of_f: &mut [f64],
-    of_c: &mut [f64],
+    [of_f, of_c]: &mut [&mut [f64]; 2],
 ) {
     let g_columns = columns::<W>(g, first);
     let mut f_sums = scaled_columns::<W>(f[VELOCITY], velocity_row, first);

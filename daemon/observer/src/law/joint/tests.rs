@@ -65,7 +65,8 @@ struct Run {
     spike_m_s: fn(u64) -> f64,
 }
 
-fn rows(run: &Run, n: u64) -> Vec<Row> {
+/// The rows, and the true velocity and force at each sample.
+fn rows(run: &Run, n: u64) -> Vec<(Row, [Vector3<f64>; 2])> {
     let design = &run.design;
     let mut filter = JointFilter::new(design).unwrap();
     let mut state = filter.new_state();
@@ -90,7 +91,8 @@ fn rows(run: &Run, n: u64) -> Vec<Row> {
         let learned_std = filter.learned_std(&state, &learned).map(|a| MASS_KG * a);
         let matched_n = learned.value.map(|a| MASS_KG * a);
         let row = [before, matched_n, std, learned_std].concat().into_iter().chain([norm]).chain(traces);
-        rows.push(row.collect::<Vec<_>>().try_into().unwrap());
+        let truth = [example.velocity, force_n(&example.velocity)];
+        rows.push((row.collect::<Vec<_>>().try_into().unwrap(), truth));
         example.advance(t_s + h_s, &command_n);
     }
     rows
@@ -99,9 +101,12 @@ fn rows(run: &Run, n: u64) -> Vec<Row> {
 /// Of `tests/joint_reference.py`, which shares no code with this one.
 const REFERENCE: &str = include_str!("../../../tests/joint_reference.csv");
 
+fn even(name: &'static str, design: JointDesign) -> Run {
+    Run { name, design, step_ms: |_| 5, is_missing: |_| false, spike_m_s: |_| 0.0 }
+}
+
 #[test]
 fn the_paper_s_first_example_gives_the_values_of_an_independent_program() {
-    let even = |name, design| Run { name, design, step_ms: |_| 5, is_missing: |_| false, spike_m_s: |_| 0.0 };
     let mut plain = joint_law([0.01; 3]);
     (plain.noise_samples, plain.excitation.correction_share) = (0.0, 0.0);
     let axes = JointDesign { noise: [0.01, 0.02, 0.005], ..joint_law([0.01; 3]) };
@@ -122,7 +127,7 @@ fn the_paper_s_first_example_gives_the_values_of_an_independent_program() {
         for line in REFERENCE.lines().filter(|line| line.split(',').next() == Some(run.name)) {
             let numbers: Vec<f64> = line.split(',').skip(1).map(|number| number.parse().unwrap()).collect();
             let sample = numbers[0] as usize;
-            for (column, (found, expected)) in rows[sample].iter().zip(&numbers[1..]).enumerate() {
+            for (column, (found, expected)) in rows[sample].0.iter().zip(&numbers[1..]).enumerate() {
                 // The values are printed with 14 digits; the rest is rounding over 2000 steps.
                 let error = (found - expected).abs() / expected.abs().max(1e-3);
                 assert!(error < 1e-9, "{}, sample {sample}, column {column}: {found} {expected}", run.name);
@@ -131,6 +136,24 @@ fn the_paper_s_first_example_gives_the_values_of_an_independent_program() {
         }
     }
     assert_eq!(compared, 6 * 7 * 16);
+}
+
+/// joint.md §7: RMS over the second half of 10 s and of 120 s.
+#[test]
+fn the_paper_s_first_example_has_the_errors_that_were_found_elsewhere() {
+    for (samples, velocity_m_s, force_n) in [(2000, 0.015279, 0.09979), (24_000, 0.01366, 0.0323)] {
+        let rows = rows(&even("even", joint_law([0.01; 3])), samples);
+        let half = &rows[rows.len() / 2..];
+        let rms = |first: usize, truth: usize| {
+            let error = |row: &(Row, [Vector3<f64>; 2])| {
+                (Vector3::from_column_slice(&row.0[first..first + 3]) - row.1[truth]).norm_squared()
+            };
+            (half.iter().map(error).sum::<f64>() / half.len() as f64).sqrt()
+        };
+        let found = (rms(0, 0), rms(3, 1));
+        let agrees = |found: f64, expected: f64| (found / expected - 1.0).abs() < 2e-3;
+        assert!(agrees(found.0, velocity_m_s) && agrees(found.1, force_n), "{samples}: {found:?}");
+    }
 }
 
 /// A pseudo-random number of a known sequence, uniform in −1 … 1.

@@ -69,17 +69,7 @@ impl JointFilter {
         velocity.iter().flatten().next()?;
         separate_axes(state, !are_alike(velocity, deviations));
         if !state.scalars.is_started {
-            state.scalars.is_started = true;
-            for axis in 0..3 {
-                let deviation = match velocity[axis] {
-                    Some(y) => {
-                        state.mean[axis][VELOCITY] = y;
-                        deviations[axis]
-                    }
-                    None => self.largest_half_width,
-                };
-                state.covariances[axis].set(VELOCITY, VELOCITY, deviation * deviation);
-            }
+            self.begin(state, velocity, deviations);
         }
         let noise = state.scalars.noise_levels.sensor;
         let innovations = innovations(state, VELOCITY, velocity, deviations, noise);
@@ -92,7 +82,24 @@ impl JointFilter {
         Some(Agreement::of(&innovations, nis, weighing))
     }
 
-    /// Takes a position fix, any of its components, each on its own; the first one of a component sets it.
+    /// Begins with this velocity; an axis that was not measured may have any.
+    fn begin(&self, state: &mut JointState, velocity: &[Option<f64>; 3], deviations: &[f64; 3]) {
+        state.scalars.is_started = true;
+        for axis in 0..3 {
+            let deviation = match velocity[axis] {
+                Some(y) => {
+                    state.mean[axis][VELOCITY] = y;
+                    deviations[axis]
+                }
+                None => self.largest_half_width,
+            };
+            state.covariances[axis].set(VELOCITY, VELOCITY, deviation * deviation);
+        }
+    }
+
+    /// Takes a position fix, any of its components, each on its own; the first one of a component sets it. Where it comes before
+    /// any velocity, it begins the filter: the velocity may be any. `since_s` is the time since a fix agreed, where fixes are all
+    /// that is measured: too many stray ones in a row are then those of another velocity, `P += e² s sᵀ`, s = (1/t, …, 1).
     ///
     /// # Cost
     /// As [`JointFilter::update_velocity`].
@@ -101,10 +108,14 @@ impl JointFilter {
         state: &mut JointState,
         position: &[Option<f64>; 3],
         deviations: &[f64; 3],
+        since_s: Option<f64>,
         teaches: Teaches,
     ) -> Option<Agreement> {
         position.iter().flatten().next()?;
         separate_axes(state, !are_alike(position, deviations));
+        if !state.scalars.is_started {
+            self.begin(state, &[None; 3], deviations);
+        }
         for axis in 0..3 {
             let Some(fix) = position[axis].filter(|_| !state.scalars.position_is_known[axis]) else {
                 continue;
@@ -132,6 +143,13 @@ impl JointFilter {
                 let Some(innovation) = one[axis] else { continue };
                 let nis = innovation.normalized_square();
                 let is_new = state.scalars.stray_positions[axis].count(nis);
+                if let Some(since_s) = since_s.filter(|_| is_new) {
+                    let covariance = &mut state.covariances[axis];
+                    let speed = innovation.value / since_s;
+                    let cross = covariance.at(VELOCITY, POSITION) + innovation.value * speed;
+                    covariance.set(VELOCITY, POSITION, cross);
+                    covariance.add_to_diagonal(VELOCITY, speed * speed);
+                }
                 self.update_row(state, POSITION, &one, Weighing::of(&one, nis, is_new), teaches);
             }
         }
