@@ -20,12 +20,11 @@
 //! Markley, F. L. (2003). Attitude error representations for Kalman filtering. J. Guidance, Control, and Dynamics 26(2).
 //! C is ours.
 
+use crate::law::joint::stray::{STRAY, StraySamples};
 use crate::law::joint::update::Agreement;
 use nalgebra::{Matrix3, Matrix6, Matrix6x3, UnitQuaternion, Vector3, Vector6};
 use serde::{Deserialize, Serialize};
 
-/// A fix further off than this many deviations counts as a noisier one.
-const STRAY: f64 = 4.0;
 /// Deviation of an attitude that nobody told of (rad).
 const UNKNOWN_STD_RAD: f64 = std::f64::consts::PI;
 
@@ -71,6 +70,9 @@ pub struct AttitudeFilter {
     pub bias_rad_s: Vector3<f64>,
     covariance: Matrix6<f64>,
     rate_covariance: Matrix6x3<f64>,
+    stray_fixes: StraySamples,
+    /// Lengths of the newest two steps (s) and ω̂ at their beginnings, the newest first; 0 before.
+    steps: [(f64, Vector3<f64>); 2],
     /// Variance per time of the bias's random walk ((rad/s)²/s); 0: the gyroscope has none.
     bias_density: f64,
     is_known: bool,
@@ -90,6 +92,8 @@ impl AttitudeFilter {
             bias_rad_s: Vector3::zeros(),
             covariance,
             rate_covariance: Matrix6x3::zeros(),
+            stray_fixes: StraySamples::default(),
+            steps: [(0.0, Vector3::zeros()); 2],
             bias_density: bias_walk_rad_s_sqrt_s * bias_walk_rad_s_sqrt_s,
             is_known: start.is_some(),
         }
@@ -112,7 +116,8 @@ impl AttitudeFilter {
 
     /// Takes a fix of either sign with these deviations of its rotation vector, body axes (rad).
     ///
-    /// `e = log(q̂⁻¹ ⊗ q_fix)`, H = (I 0), a Joseph update; then q̂ := q̂ ⊗ exp(½ δθ).
+    /// `e = log(q̂⁻¹ ⊗ q_fix)`, H = (I 0), a Joseph update; then q̂ := q̂ ⊗ exp(½ δθ). A stray fix counts as a noisier one; after
+    /// too many in a row it is the attitude that is wrong: `P_θθ += ‖e‖²/3 I`.
     pub fn take_fix(&mut self, fix: &UnitQuaternion<f64>, std_rad: &[f64; 3]) {
         let noise = Matrix3::from_diagonal(&Vector3::from(*std_rad).map(|std| std * std));
         if !self.is_known {
@@ -125,13 +130,16 @@ impl AttitudeFilter {
         }
         let error = (self.attitude.inverse() * fix).scaled_axis();
         let prior = self.covariance.fixed_view::<3, 3>(0, 0).into_owned();
-        let Some(weight) =
-            (prior + noise).try_inverse().map(|inverse| (error.dot(&(inverse * error)) / 3.0).sqrt())
+        let Some(nis) = (prior + noise).try_inverse().map(|inverse| error.dot(&(inverse * error)) / 3.0)
         else {
             return;
         };
-        // A stray fix counts as a noisier one.
-        let factor = (weight / STRAY).max(1.0);
+        let is_wrong = self.stray_fixes.count(nis);
+        if is_wrong {
+            (0..3).for_each(|axis| self.covariance[(axis, axis)] += error.norm_squared() / 3.0);
+        }
+        let prior = self.covariance.fixed_view::<3, 3>(0, 0).into_owned();
+        let factor = if is_wrong { 1.0 } else { (nis.sqrt() / STRAY).max(1.0) };
         let noise = factor * (prior + noise) - prior;
         let Some(inverse) = (prior + noise).try_inverse() else { return };
         let cross: Matrix6x3<f64> = self.covariance.fixed_view::<6, 3>(0, 0).into_owned();
@@ -151,6 +159,23 @@ impl AttitudeFilter {
         self.bias_rad_s += error.fixed_rows::<3>(3);
     }
 
+    /// h³/6 D of the newest step, over which ω̂ changes by this (rad).
+    fn bend(&self, change: &Vector3<f64>) -> Vector3<f64> {
+        let [(h_s, start), (before_s, before)] = self.steps;
+        let evenly = if before_s > 0.0 { h_s / before_s * (start - before) } else { *change };
+        self.bend_of(&(change - evenly))
+    }
+
+    /// The bend where ω̂ ends this far (rad/s) from where it would be without one; 0 after a step that is much shorter, of which
+    /// noise would be carried too far.
+    fn bend_of(&self, difference: &Vector3<f64>) -> Vector3<f64> {
+        let [(h_s, _), (before_s, _)] = self.steps;
+        if before_s <= 0.5 * h_s {
+            return Vector3::zeros();
+        }
+        h_s * h_s / (6.0 * (h_s + before_s)) * difference
+    }
+
     fn symmetrize(&mut self) {
         for i in 0..6 {
             for j in 0..i {
@@ -162,7 +187,9 @@ impl AttitudeFilter {
 }
 
 impl JointPose for AttitudeFilter {
-    /// `q̂ := q̂ ⊗ exp(½ h ω̄)`, ω̄ the mean of ω̂ over the step, whose error is (δω + δω⁺)/2.
+    /// `q̂ := q̂ ⊗ exp(½ (h ω̄ + h²/12 ω̂ × ω̂⁺ − h³/6 D))`, ω̄ = (ω̂ + ω̂⁺)/2, whose error is (δω + δω⁺)/2. The second term is
+    /// that of a rate that changes its direction over the step, the third that of its bend: D is the second divided difference
+    /// of ω̂⁺, ω̂ and the ω̂ a step before. Without them coning drifts.
     ///
     /// With Φ of (δθ, δb) and J = (h, 0): `P := Φ P Φᵀ + Φ C Jᵀ + J Cᵀ Φᵀ + J var(ω̄) Jᵀ`, `C := Φ C + J cov(ω̄, δω⁺)`. Between
     /// outputs δω⁺ is δω and something new; in a coast it is δω σ⁺/σ.
@@ -172,7 +199,12 @@ impl JointPose for AttitudeFilter {
             return *self;
         }
         let mut next = *self;
-        let turn = UnitQuaternion::new(0.5 * h_s * (step.velocities[0] + step.velocities[1]));
+        let [before, after] = step.velocities;
+        next.steps = [(h_s, before), self.steps[0]];
+        let turn = UnitQuaternion::new(
+            0.5 * h_s * (before + after) + h_s * h_s / 12.0 * before.cross(&after)
+                - next.bend(&(after - before)),
+        );
         next.attitude *= turn;
         next.attitude.renormalize_fast();
         let mut transition = Matrix6::identity();
@@ -206,7 +238,9 @@ impl JointPose for AttitudeFilter {
         self.bias_rad_s
     }
 
-    /// δω is known to correlate with (δθ, δb): `(δθ, δb) += C S⁻¹ e`, `P −= C S⁻¹ Cᵀ`, `C := C (1 − K)`.
+    /// δω is known to correlate with (δθ, δb): `(δθ, δb) += C S⁻¹ e`, `P −= C S⁻¹ Cᵀ`, `C := C (1 − K)`. The step's ω̂⁺ was K e
+    /// less than it is now: `δθ −= h²/6 ω̂ × K e` (h²/12 of the step, less h²/4 since the correction follows the turn), and its
+    /// bend.
     fn take_innovations(&mut self, agreement: &Agreement) {
         let Agreement { innovation, variance, gain, .. } = agreement;
         let mut correction = Vector6::zeros();
@@ -216,6 +250,10 @@ impl JointPose for AttitudeFilter {
             self.covariance -= cross * cross.transpose() / variance[axis];
             self.rate_covariance.set_column(axis, &(cross * (1.0 - gain[axis])));
         }
+        let told = Vector3::from_fn(|axis, _| gain[axis] * innovation[axis]);
+        let (h_s, before) = self.steps[0];
+        let mut second_order = correction.fixed_rows_mut::<3>(0);
+        second_order -= h_s * h_s / 6.0 * before.cross(&told) + self.bend_of(&told);
         self.symmetrize();
         self.correct(correction);
     }
