@@ -4,10 +4,12 @@
 
 use crate::config::{InputConfig, SourcePolicy};
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
-use observer::{LinearOutput, Sample, Velocity};
+use observer::{LinearOutput, Quality, Sample, Velocity};
 use serde::{Deserialize, Serialize};
 use shared_types::Measurement;
-use shared_types::payload::{MAX_SEQUENCE_GAP, QUATERNION_NORM_TOLERANCE, Rejection, flags, frame, valid};
+use shared_types::payload::{
+    MAX_SEQUENCE_GAP, QUATERNION_NORM_TOLERANCE, Rejection, absent, flags, frame, valid,
+};
 use shared_types::table::{Bound, Limit, Message, Payload, Value};
 
 /// If samples are the clock, a stamp further ahead than this starts a new time, if its source may do so (s).
@@ -278,15 +280,20 @@ impl Gate {
 fn check_values(m: &Measurement, limits: &InputConfig) -> Result<(), Rejection> {
     let has_unknown_frame =
         m.has(valid::VELOCITY) && ![frame::INERTIAL, frame::BODY].contains(&m.velocity_frame);
-    let has_unknown_bit = m.valid & !valid::ALL != 0 || m.flags & !flags::ALL != 0;
-    if m.valid & valid::ALL == 0 || has_unknown_bit || has_unknown_frame {
+    let has_unknown_bit =
+        m.valid & !valid::ALL != 0 || m.flags & !flags::ALL != 0 || m.absent & !absent::ALL != 0;
+    // The direction of a part of a body velocity is not known.
+    let is_partial = m.has(valid::VELOCITY)
+        && m.velocity_frame == frame::BODY
+        && missing(m, absent::VELOCITY_X).contains(&true);
+    if m.valid & valid::ALL == 0 || has_unknown_bit || has_unknown_frame || is_partial {
         return Err(Rejection::Malformed);
     }
     if !m.is_finite() {
         return Err(Rejection::NotFinite);
     }
     let fields = Measurement::TABLE.fields.iter().enumerate();
-    for (i, field) in fields.filter(|(_, field)| field.valid != 0 && m.has(field.valid)) {
+    for (i, field) in fields.filter(|(_, field)| m.has(field.valid)) {
         let Value::Numbers(numbers) = m.value(i) else { continue };
         let norm = || numbers.iter().map(|x| x * x).sum::<f64>().sqrt();
         match field.limit {
@@ -297,10 +304,16 @@ fn check_values(m: &Measurement, limits: &InputConfig) -> Result<(), Rejection> 
             Limit::UnitNorm if (norm() - 1.0).abs() > QUATERNION_NORM_TOLERANCE => {
                 return Err(Rejection::QuaternionNorm);
             }
+            Limit::NotNegative if numbers.iter().any(|x| *x < 0.0) => return Err(Rejection::BeyondLimits),
             _ => {}
         }
     }
     Ok(())
+}
+
+/// Which of three components are absent, of which this is the bit of the first.
+fn missing(m: &Measurement, first: u32) -> [bool; 3] {
+    std::array::from_fn(|axis| m.absent & (first << axis) != 0)
 }
 
 /// The configured value of a bound.
@@ -338,7 +351,15 @@ pub fn sample_of(m: &Measurement, limits: &InputConfig) -> Result<Sample, Reject
         attitude: m.has(valid::ATTITUDE).then(attitude),
         force_n: vector(valid::FORCE, m.force_n),
         torque_n_m: vector(valid::TORQUE, m.torque_n_m),
+        velocity_quality: quality(m, absent::VELOCITY_X, m.velocity_std_m_s),
+        angular_velocity_quality: quality(m, absent::ANGULAR_VELOCITY_X, m.angular_velocity_std_rad_s),
+        position_quality: quality(m, absent::POSITION_X, m.position_std_m),
+        attitude_std_rad: m.attitude_std_rad,
     })
+}
+
+fn quality(m: &Measurement, first: u32, std: [f64; 3]) -> Quality {
+    Quality { std, missing: missing(m, first) }
 }
 
 /// A measurement whose values are checked, as a sample for the observer of a general linear plant.
@@ -374,6 +395,24 @@ mod tests {
     fn assert_accepted(verdict: Result<Accepted, Rejection>, lost_samples: u64, is_new_source: bool) {
         let Accepted { lost, new_source, .. } = verdict.unwrap();
         assert_eq!((lost, new_source), (lost_samples, is_new_source));
+    }
+
+    #[test]
+    fn a_part_of_a_reading_and_its_noise_are_taken_and_what_makes_no_sense_is_rejected() {
+        let limits = InputConfig::default();
+        let depth = sample(0).with_position_z_m(-3.0).with_position_std_m([0.0, 0.0, 0.2]);
+        let taken = sample_of(&depth, &limits).unwrap();
+        assert_eq!(taken.position_quality, Quality { std: [0.0, 0.0, 0.2], missing: [true, true, false] });
+        assert_eq!(taken.velocity_quality, Quality::default());
+
+        let noisy = |std| Measurement { velocity_std_m_s: [0.1, std, 0.1], ..sample(0) };
+        assert_eq!(sample_of(&noisy(-0.1), &limits), Err(Rejection::BeyondLimits));
+        assert_eq!(sample_of(&noisy(f64::NAN), &limits), Err(Rejection::NotFinite));
+        let unknown = Measurement { absent: 1 << 20, ..sample(0) };
+        assert_eq!(sample_of(&unknown, &limits), Err(Rejection::Malformed));
+        let body = Measurement::at(5, 0).with_body_velocity_m_s([1.0, 0.0, 0.0]);
+        let of_two_axes = Measurement { absent: absent::VELOCITY_Z, ..body };
+        assert_eq!(sample_of(&of_two_axes, &limits), Err(Rejection::Malformed));
     }
 
     #[test]

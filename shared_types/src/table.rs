@@ -91,6 +91,8 @@ pub enum Limit {
     Each(Bound),
     /// Their Euclidean norm is one.
     UnitNorm,
+    /// None is below zero.
+    NotNegative,
 }
 
 /// Names of the numbers of a field.

@@ -269,7 +269,7 @@ mod tests {
     #[test]
     fn what_a_sample_does_not_carry_is_absent_and_the_rest_is_there_to_the_bit() {
         let sample = Measurement::at(5, 2).with_velocity_m_s([-0.0, f64::INFINITY, 1.0]);
-        // sequence, stamp, valid, frame, flags, reserved; field 7 of 27 bytes: three doubles with their tags.
+        // sequence, stamp, valid, frame, flags, absent; field 7 of 27 bytes: three doubles with their tags.
         let mut needed = vec![0x08, 2, 0x10, 5, 0x18, 1, 0x20, 0, 0x28, 0, 0x30, 0, 0x3a, 27];
         for (tag, value) in [(0x09, -0.0_f64), (0x11, f64::INFINITY), (0x19, 1.0)] {
             needed.push(tag);

@@ -73,12 +73,12 @@ pub struct JointRotationDesign {
 pub struct JointSample {
     /// Velocity, inertial (m/s), or angular velocity, body axes (rad/s), by component.
     pub output: [Option<f64>; 3],
-    /// Its deviations; `None`: those of the design.
-    pub output_std: Option<[f64; 3]>,
+    /// Its deviations; 0: that of the design.
+    pub output_std: [f64; 3],
     /// Position fix, inertial (m), by component.
     pub position: [Option<f64>; 3],
-    /// Its deviations (m); `None`: that of the design.
-    pub position_std: Option<[f64; 3]>,
+    /// Its deviations (m); 0: that of the design.
+    pub position_std: [f64; 3],
     /// Commanded force, inertial (N), or torque, body axes (N·m): held until the next one.
     pub command: Option<Vector3<f64>>,
 }
@@ -307,8 +307,8 @@ impl<K: JointPose> JointChannel<K> {
         let (history, state) = (&mut self.history, &mut self.at.state);
         let design = self.filter.design();
         let (output_std, position_std) = (
-            sample.output_std.unwrap_or(design.noise),
-            sample.position_std.unwrap_or([design.position_noise.unwrap_or(1.0); 3]),
+            or_designed(&sample.output_std, &design.noise),
+            or_designed(&sample.position_std, &[design.position_noise.unwrap_or(1.0); 3]),
         );
         let since_s = history.output_stamp_ns.map_or(0.0, |before_ns| seconds(stamp_ns - before_ns));
         let bias = self.at.pose.output_bias();
@@ -512,6 +512,11 @@ impl<K: JointPose> JointChannel<K> {
     pub fn bytes(&self) -> usize {
         2 * self.filter.bytes_of_state() + size_of_val(&*self.saved) + self.filter.bytes_of_step()
     }
+}
+
+/// Deviations of a sample, and where it says 0 those of the design.
+pub(crate) fn or_designed(std: &[f64; 3], designed: &[f64; 3]) -> [f64; 3] {
+    std::array::from_fn(|axis| if std[axis] > 0.0 { std[axis] } else { designed[axis] })
 }
 
 /// Deviations of M a, those of the axes of a being independent: √diag(M diag(std²) Mᵀ).

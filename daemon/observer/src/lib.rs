@@ -141,8 +141,8 @@ pub use report::findings::{Finding, Verdict};
 pub use report::joint_report::{ExpectedStd, JointReport};
 pub use report::lure_pair::LurePair;
 pub use rigid_body::{
-    Deviations, InitialState, RigidBodyEstimate, RigidBodyObserver, RotationLaw, Sample, TranslationLaw,
-    Velocity,
+    Deviations, InitialState, Quality, RigidBodyEstimate, RigidBodyObserver, RotationLaw, Sample,
+    TranslationLaw, Velocity,
 };
 pub use space::centers::{Centers, LatticeBox};
 pub use space::factors::lanes::vector_unit;

@@ -3,7 +3,9 @@
 use crate::channels::{AnyChannel, ChannelName, Learn};
 use crate::design::{ChannelDesign, GyroscopicTorque, RotationDesign, TranslationDesign};
 use crate::error::{DesignError, Parameter};
-use crate::joint_channel::{JointChannel, JointRotationDesign, JointSample, JointTranslationDesign};
+use crate::joint_channel::{
+    JointChannel, JointRotationDesign, JointSample, JointTranslationDesign, or_designed,
+};
 use crate::law::channel::Channel;
 use crate::law::gradient::GradientLaw;
 use crate::law::joint::teaches::Teaches;
@@ -54,6 +56,35 @@ pub struct Sample {
     pub force_n: Option<Vector3<f64>>,
     /// Commanded torque, body axes (N·m); held until the next one.
     pub torque_n_m: Option<Vector3<f64>>,
+    /// Of the velocity, along its own axes (m/s). The gradient law takes no part of a velocity.
+    pub velocity_quality: Quality,
+    /// Of the angular velocity (rad/s). The gradient law takes no part of one.
+    pub angular_velocity_quality: Quality,
+    /// Of the position fix (m). The gradient law takes no part of one.
+    pub position_quality: Quality,
+    /// 1 σ of the attitude fix's rotation vector (rad); 0: as designed.
+    pub attitude_std_rad: [f64; 3],
+}
+
+/// How well the components of a reading are known.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct Quality {
+    /// 1 σ of each; 0: as designed.
+    pub std: [f64; 3],
+    /// Which of them were not measured.
+    pub missing: [bool; 3],
+}
+
+impl Quality {
+    /// The components that were measured.
+    fn components(&self, value: Option<Vector3<f64>>) -> [Option<f64>; 3] {
+        std::array::from_fn(|axis| value.map(|value| value[axis]).filter(|_| !self.missing[axis]))
+    }
+
+    /// The reading if all of it was measured.
+    fn whole<T>(&self, value: Option<T>) -> Option<T> {
+        value.filter(|_| self.missing == [false; 3])
+    }
 }
 
 /// State, learned force and trust at one instant.
@@ -297,7 +328,8 @@ impl RigidBodyObserver {
         match &mut self.rotation {
             None => false,
             Some(LawChannel::Gradient(rotation)) => {
-                let measured = sample.angular_velocity_rad_s.map(|output| Measured { output, teaches });
+                let output = sample.angular_velocity_quality.whole(sample.angular_velocity_rad_s);
+                let measured = output.map(|output| Measured { output, teaches });
                 let until_ns = sample.stamp_ns.saturating_add(self.attitude_fix_hold_ns);
                 rotation.accept(sample.stamp_ns, measured, sample.torque_n_m, frozen, |state| {
                     if let Some(fix) = &sample.attitude {
@@ -307,11 +339,12 @@ impl RigidBodyObserver {
             }
             Some(LawChannel::Joint(rotation)) => {
                 let joint = JointSample {
-                    output: components(sample.angular_velocity_rad_s),
+                    output: sample.angular_velocity_quality.components(sample.angular_velocity_rad_s),
+                    output_std: sample.angular_velocity_quality.std,
                     command: sample.torque_n_m,
                     ..JointSample::default()
                 };
-                let std_rad = [self.attitude_noise_rad; 3];
+                let std_rad = or_designed(&sample.attitude_std_rad, &[self.attitude_noise_rad; 3]);
                 let take_fix =
                     sample.attitude.map(|fix| move |pose: &mut AttitudeFilter| pose.take_fix(&fix, &std_rad));
                 let agreement =
@@ -337,10 +370,12 @@ impl RigidBodyObserver {
         match &mut self.translation {
             None => false,
             Some(LawChannel::Gradient(translation)) => {
-                let measured = velocity.map(|output| Measured { output, teaches });
+                let output = sample.velocity_quality.whole(velocity);
+                let measured = output.map(|output| Measured { output, teaches });
+                let position = sample.position_quality.whole(sample.position_m);
                 let until_ns = sample.stamp_ns.saturating_add(self.position_fix_hold_ns);
                 translation.accept(sample.stamp_ns, measured, sample.force_n, frozen, |state| {
-                    if let Some(fix) = &sample.position_m {
+                    if let Some(fix) = &position {
                         state.pose.take_fix(fix, until_ns);
                     }
                 })
@@ -348,15 +383,16 @@ impl RigidBodyObserver {
             Some(LawChannel::Joint(translation)) => {
                 // Body axes couple the inertial ones, which separate covariances cannot hold: the largest deviation, and
                 // that of the direction, on all axes.
-                let noise = translation.filter().design().noise;
-                let output_std = turned.map(|(_, from_tilt)| {
-                    let largest = noise.into_iter().fold(0.0, f64::max);
+                let std = or_designed(&sample.velocity_quality.std, &translation.filter().design().noise);
+                let output_std = turned.map_or(std, |(_, from_tilt)| {
+                    let largest = std.into_iter().fold(0.0, f64::max);
                     [largest.hypot(from_tilt); 3]
                 });
                 let joint = JointSample {
-                    output: components(velocity),
+                    output: sample.velocity_quality.components(velocity),
                     output_std,
-                    position: components(sample.position_m),
+                    position: sample.position_quality.components(sample.position_m),
+                    position_std: sample.position_quality.std,
                     command: sample.force_n,
                     ..JointSample::default()
                 };
@@ -521,10 +557,6 @@ impl RigidBodyObserver {
     pub fn joint_rotation(&self) -> Option<&JointChannel<AttitudeFilter>> {
         self.rotation.as_ref().and_then(LawChannel::joint)
     }
-}
-
-fn components(vector: Option<Vector3<f64>>) -> [Option<f64>; 3] {
-    std::array::from_fn(|axis| vector.map(|vector| vector[axis]))
 }
 
 fn what_teaches(teaches: bool, frozen: bool) -> Teaches {

@@ -26,7 +26,7 @@
 #include <stdint.h>
 
 /** Tells the payloads of one version from those of another: for observer_open(). */
-#define OBSERVER_LAYOUT UINT32_C(0x3e778751)
+#define OBSERVER_LAYOUT UINT32_C(0x20e7f050)
 
 /** Enough for the text of any reply, with its end. */
 #define OBSERVER_REPLY_TEXT_BYTES 249
@@ -52,6 +52,18 @@
  * has this bit: the ground's reaction is no force of the motion. */
 #define OBSERVER_FLAGS_ON_GROUND UINT32_C(0x1)
 #define OBSERVER_FLAGS_ALL UINT32_C(0x1) /**< Every bit that has a meaning. */
+
+/* Bits of observer_measurement.absent: components of a valid field that were not measured, as of a depth or of a Doppler log that has two axes. The joint law takes the others; a velocity in body axes must have all of them. */
+#define OBSERVER_ABSENT_VELOCITY_X UINT32_C(0x1) /**< x of the velocity. */
+#define OBSERVER_ABSENT_VELOCITY_Y UINT32_C(0x2) /**< y of the velocity. */
+#define OBSERVER_ABSENT_VELOCITY_Z UINT32_C(0x4) /**< z of the velocity. */
+#define OBSERVER_ABSENT_ANGULAR_VELOCITY_X UINT32_C(0x8) /**< x of the angular velocity. */
+#define OBSERVER_ABSENT_ANGULAR_VELOCITY_Y UINT32_C(0x10) /**< y of the angular velocity. */
+#define OBSERVER_ABSENT_ANGULAR_VELOCITY_Z UINT32_C(0x20) /**< z of the angular velocity. */
+#define OBSERVER_ABSENT_POSITION_X UINT32_C(0x40) /**< x of the position. */
+#define OBSERVER_ABSENT_POSITION_Y UINT32_C(0x80) /**< y of the position. */
+#define OBSERVER_ABSENT_POSITION_Z UINT32_C(0x100) /**< z of the position. */
+#define OBSERVER_ABSENT_ALL UINT32_C(0x1ff) /**< Every bit that has a meaning. */
 
 /* Bits of observer_estimate.status. */
 /** Every configured channel follows measurements that it holds now, and none is reacquiring. */
@@ -150,7 +162,8 @@ typedef enum {
   OBSERVER_REJECTION_FAR_FUTURE, /**< The stamp lies too far ahead of the clock. */
   OBSERVER_REJECTION_SEQUENCE_BACKWARDS, /**< The sequence went backwards although the source is the same. */
   OBSERVER_REJECTION_OTHER_SOURCE, /**< Another source holds the stream. */
-  /** No valid field, an unknown bit of `valid` or `flags`, or an unknown frame. */
+  /** No valid field, an unknown bit of `valid`, `flags` or `absent`, a body velocity without one of its
+   * components, or an unknown frame. */
   OBSERVER_REJECTION_MALFORMED,
   OBSERVER_REJECTION_OVERLOAD, /**< The loop was late for too long to use it. */
 } observer_rejection;
@@ -162,7 +175,7 @@ typedef struct {
   uint32_t valid; /**< Which of the fields below are valid: bits of OBSERVER_VALID_…. */
   uint32_t velocity_frame; /**< Frame of `velocity_m_s`: OBSERVER_FRAME_INERTIAL or OBSERVER_FRAME_BODY. */
   uint32_t flags; /**< What the vehicle says of itself: bits of OBSERVER_FLAGS_…. */
-  uint32_t reserved; /**< Zero. */
+  uint32_t absent; /**< Which components of the fields below were not measured: bits of OBSERVER_ABSENT_…. */
   /** Velocity of the center of mass, in the frame that `velocity_frame` names (m/s). */
   double velocity_m_s[3];
   double angular_velocity_rad_s[3]; /**< Angular velocity, body axes (rad/s). */
@@ -176,6 +189,11 @@ typedef struct {
   double output[6];
   /** u of a general linear plant, its first m entries, held until the next one; zero before the first. */
   double input[6];
+  double velocity_std_m_s[3]; /**< 1 σ of `velocity_m_s`, along its axes (m/s); 0: as configured. */
+  double angular_velocity_std_rad_s[3]; /**< 1 σ of `angular_velocity_rad_s` (rad/s); 0: as configured. */
+  double position_std_m[3]; /**< 1 σ of `position_m` (m); 0: as configured. */
+  /** 1 σ of the rotation vector of `attitude_wxyz`'s error, body axes (rad); 0: as configured. */
+  double attitude_std_rad[3];
 } observer_measurement;
 
 /** How far one channel's estimate can be trusted. Units are those of the channel's output: m/s for
@@ -448,15 +466,18 @@ const char *observer_error_text(void);
 #endif  // __cplusplus
 
 /* The payloads as the library was compiled. */
-static_assert(sizeof(observer_measurement) == 280 && offsetof(observer_measurement, sequence) == 0
+static_assert(sizeof(observer_measurement) == 376 && offsetof(observer_measurement, sequence) == 0
     && offsetof(observer_measurement, stamp_ns) == 8 && offsetof(observer_measurement, valid) == 16
     && offsetof(observer_measurement, velocity_frame) == 20 && offsetof(observer_measurement, flags) == 24
-    && offsetof(observer_measurement, reserved) == 28 && offsetof(observer_measurement, velocity_m_s) == 32
+    && offsetof(observer_measurement, absent) == 28 && offsetof(observer_measurement, velocity_m_s) == 32
     && offsetof(observer_measurement, angular_velocity_rad_s) == 56
     && offsetof(observer_measurement, position_m) == 80
     && offsetof(observer_measurement, attitude_wxyz) == 104 && offsetof(observer_measurement, force_n) == 136
     && offsetof(observer_measurement, torque_n_m) == 160 && offsetof(observer_measurement, output) == 184
-    && offsetof(observer_measurement, input) == 232,
+    && offsetof(observer_measurement, input) == 232 && offsetof(observer_measurement, velocity_std_m_s) == 280
+    && offsetof(observer_measurement, angular_velocity_std_rad_s) == 304
+    && offsetof(observer_measurement, position_std_m) == 328
+    && offsetof(observer_measurement, attitude_std_rad) == 352,
     "layout of observer_measurement");
 static_assert(sizeof(observer_channel) == 64 && offsetof(observer_channel, output_error) == 0
     && offsetof(observer_channel, activation) == 8 && offsetof(observer_channel, power_function) == 16

@@ -53,6 +53,21 @@ class flags:
     ALL = 0x1  # Every bit that has a meaning.
 
 
+class absent:
+    """Bits of `Measurement.absent`: components of a valid field that were not measured, as of a depth or of a Doppler log that has two axes. The joint law takes the others; a velocity in body axes must have all of them."""
+
+    VELOCITY_X = 0x1  # x of the velocity.
+    VELOCITY_Y = 0x2  # y of the velocity.
+    VELOCITY_Z = 0x4  # z of the velocity.
+    ANGULAR_VELOCITY_X = 0x8  # x of the angular velocity.
+    ANGULAR_VELOCITY_Y = 0x10  # y of the angular velocity.
+    ANGULAR_VELOCITY_Z = 0x20  # z of the angular velocity.
+    POSITION_X = 0x40  # x of the position.
+    POSITION_Y = 0x80  # y of the position.
+    POSITION_Z = 0x100  # z of the position.
+    ALL = 0x1ff  # Every bit that has a meaning.
+
+
 class status_bits:
     """Bits of `Estimate.status`."""
 
@@ -201,7 +216,7 @@ class Measurement(Structure):
     valid: u32  # Which of the fields below are valid: bits of `valid`.
     velocity_frame: u32  # Frame of `velocity_m_s`: `frame.INERTIAL` or `frame.BODY`.
     flags: u32  # What the vehicle says of itself: bits of `flags`.
-    reserved: u32  # Zero.
+    absent: u32  # Which components of the fields below were not measured: bits of `absent`.
     velocity_m_s: f64x3  # Velocity of the center of mass, in the frame that `velocity_frame` names (m/s).
     angular_velocity_rad_s: f64x3  # Angular velocity, body axes (rad/s).
     position_m: f64x3  # Position fix, inertial (m).
@@ -210,6 +225,10 @@ class Measurement(Structure):
     torque_n_m: f64x3  # Commanded torque, body axes (N·m), held until the next one; zero before the first.
     output: f64x6  # y of a general linear plant, its first m entries, in the units of its configuration.
     input: f64x6  # u of a general linear plant, its first m entries, held until the next one; zero before the first.
+    velocity_std_m_s: f64x3  # 1 σ of `velocity_m_s`, along its axes (m/s); 0: as configured.
+    angular_velocity_std_rad_s: f64x3  # 1 σ of `angular_velocity_rad_s` (rad/s); 0: as configured.
+    position_std_m: f64x3  # 1 σ of `position_m` (m); 0: as configured.
+    attitude_std_rad: f64x3  # 1 σ of the rotation vector of `attitude_wxyz`'s error, body axes (rad); 0: as configured.
 
 
 @laid_out

@@ -1,7 +1,7 @@
 //! The list of all payloads and modules of constants, for the files of other languages and the record of layouts.
 
 use crate::payload::estimate::{Channel, Estimate, status_bits};
-use crate::payload::measurement::{Measurement, flags, frame, valid};
+use crate::payload::measurement::{Measurement, absent, flags, frame, valid};
 use crate::payload::status::{
     Command, Counters, LatencySummary, Reply, Status, command, outcome, real_time, restored,
 };
@@ -22,10 +22,11 @@ pub const PAYLOADS: [&Table; 9] = [
 ];
 
 /// Every module of constants.
-pub const CONSTANTS: [&Constants; 8] = [
+pub const CONSTANTS: [&Constants; 9] = [
     &valid::TABLE,
     &frame::TABLE,
     &flags::TABLE,
+    &absent::TABLE,
     &status_bits::TABLE,
     &real_time::TABLE,
     &restored::TABLE,

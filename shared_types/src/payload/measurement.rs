@@ -30,6 +30,33 @@ constants! {
     }
 }
 
+constants! {
+    /// Bits of [`Measurement::absent`]: components of a valid field that were not measured, as of a depth or of a Doppler log that
+    /// has two axes. The joint law takes the others; a velocity in body axes must have all of them.
+    pub mod absent: u32 {
+        /// x of the velocity.
+        VELOCITY_X = 1 << 0;
+        /// y of the velocity.
+        VELOCITY_Y = 1 << 1;
+        /// z of the velocity.
+        VELOCITY_Z = 1 << 2;
+        /// x of the angular velocity.
+        ANGULAR_VELOCITY_X = 1 << 3;
+        /// y of the angular velocity.
+        ANGULAR_VELOCITY_Y = 1 << 4;
+        /// z of the angular velocity.
+        ANGULAR_VELOCITY_Z = 1 << 5;
+        /// x of the position.
+        POSITION_X = 1 << 6;
+        /// y of the position.
+        POSITION_Y = 1 << 7;
+        /// z of the position.
+        POSITION_Z = 1 << 8;
+        /// Every bit that has a meaning.
+        ALL = 0x1ff;
+    }
+}
+
 const fn measured(key: &'static str, unit: &'static str) -> Option<Quantity> {
     Some(Quantity { key, unit, is_measured: true })
 }
@@ -58,8 +85,8 @@ payload! {
         velocity_frame: u32,
         /// What the vehicle says of itself: bits of [`flags`].
         flags: u32,
-        /// Zero.
-        reserved: u32,
+        /// Which components of the fields below were not measured: bits of [`absent`].
+        absent: u32,
         /// Velocity of the center of mass, in the frame that `velocity_frame` names (m/s).
         velocity_m_s: [f64; 3] where VELOCITY = 0 {
             components: XYZ, quantity: measured("velocity", "m/s"), limit: Limit::Norm(Bound::Speed),
@@ -92,6 +119,14 @@ payload! {
         input: [f64; 6] where INPUT = 7 {
             quantity: commanded("input", ""), limit: Limit::Each(Bound::Input),
         },
+        /// 1 σ of `velocity_m_s`, along its axes (m/s); 0: as configured.
+        velocity_std_m_s: [f64; 3] { components: XYZ, limit: Limit::NotNegative },
+        /// 1 σ of `angular_velocity_rad_s` (rad/s); 0: as configured.
+        angular_velocity_std_rad_s: [f64; 3] { components: XYZ, limit: Limit::NotNegative },
+        /// 1 σ of `position_m` (m); 0: as configured.
+        position_std_m: [f64; 3] { components: XYZ, limit: Limit::NotNegative },
+        /// 1 σ of the rotation vector of `attitude_wxyz`'s error, body axes (rad); 0: as configured.
+        attitude_std_rad: [f64; 3] { components: XYZ, limit: Limit::NotNegative },
     }
 }
 
@@ -124,6 +159,22 @@ impl Measurement {
     /// Adds a position fix.
     pub fn with_position_m(self, position_m: [f64; 3]) -> Self {
         Self { position_m, ..self }.and(valid::POSITION)
+    }
+
+    /// Adds the deviations of the position fix, by axis (m).
+    pub fn with_position_std_m(self, position_std_m: [f64; 3]) -> Self {
+        Self { position_std_m, ..self }
+    }
+
+    /// Adds the deviations of the velocity, by axis (m/s).
+    pub fn with_velocity_std_m_s(self, velocity_std_m_s: [f64; 3]) -> Self {
+        Self { velocity_std_m_s, ..self }
+    }
+
+    /// Adds the height of a position fix alone: a depth or an altitude, inertial (m).
+    pub fn with_position_z_m(self, z_m: f64) -> Self {
+        let absent = self.absent | absent::POSITION_X | absent::POSITION_Y;
+        Self { position_m: [0.0, 0.0, z_m], absent, ..self }.and(valid::POSITION)
     }
 
     /// Adds an attitude fix.

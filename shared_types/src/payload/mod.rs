@@ -18,7 +18,9 @@ mod truth;
 
 pub use estimate::{Channel, Estimate, status_bits};
 pub use layout::{CONSTANTS, PAYLOADS};
-pub use measurement::{MAX_SEQUENCE_GAP, Measurement, QUATERNION_NORM_TOLERANCE, flags, frame, valid};
+pub use measurement::{
+    MAX_SEQUENCE_GAP, Measurement, QUATERNION_NORM_TOLERANCE, absent, flags, frame, valid,
+};
 pub use rejection::Rejection;
 pub use status::{Command, Counters, LatencySummary, Reply, Status, command, outcome, real_time, restored};
 pub use truth::Truth;

@@ -63,7 +63,7 @@ rejections! {
     SequenceBackwards = "sequence_backwards", "sequence went backwards";
     /// Another source holds the stream.
     OtherSource = "other_source", "another source holds the stream";
-    /// No valid field, an unknown bit of `valid` or `flags`, or an unknown frame.
+    /// No valid field, an unknown bit of `valid`, `flags` or `absent`, a body velocity without one of its components, or an unknown frame.
     Malformed = "malformed", "malformed";
     /// The loop was late for too long to use it.
     Overload = "overload", "the loop was late";

@@ -154,6 +154,89 @@ fn over_fifty_seeds_the_deviations_are_honest() {
     assert!((0.90..0.99).contains(&coverage), "coverage {coverage}");
 }
 
+/// RMS of the velocity error over the second half of 40 s, where every tenth sample has ten times the noise or does not come.
+#[derive(Clone, Copy)]
+enum Tenth {
+    IsMissing,
+    SaysItsNoise,
+    SaysNothing,
+}
+
+fn rms_with_noisy_samples(tenth: Tenth) -> f64 {
+    let (mut flight, mut channel, mut square) = (Flight::new(3), channel(), 0.0);
+    for j in 0..8000_u64 {
+        let command_n = flight.command_n(j as f64 * 0.005);
+        let mut output = flight.measured();
+        let noise = Vector3::from_fn(|_, _| 10.0 * NOISE_M_S * flight.random.normal());
+        let is_noisy = j % 10 == 9;
+        if is_noisy {
+            output = match tenth {
+                Tenth::IsMissing => [None; 3],
+                _ => components(flight.velocity + noise),
+            };
+        }
+        let says = is_noisy && matches!(tenth, Tenth::SaysItsNoise);
+        let output_std = if says { [10.0 * NOISE_M_S; 3] } else { [0.0; 3] };
+        let sample = JointSample { output, output_std, command: Some(command_n), ..JointSample::default() };
+        channel.accept(j * PERIOD_NS, &sample, Teaches::All, None::<fn(&mut ())>);
+        if j >= 4000 {
+            let error = Vector3::from(channel.estimate(j * PERIOD_NS).prediction.velocity) - flight.velocity;
+            square += error.norm_squared();
+        }
+        flight.advance(&command_n, 0.005);
+    }
+    (square / 4000.0).sqrt()
+}
+
+#[test]
+fn a_noisy_sample_that_says_so_costs_nothing() {
+    let without = rms_with_noisy_samples(Tenth::IsMissing);
+    let (says, silent) = (
+        rms_with_noisy_samples(Tenth::SaysItsNoise) / without,
+        rms_with_noisy_samples(Tenth::SaysNothing) / without,
+    );
+    assert!(says < 1.05, "{says}");
+    // A stray sample's influence is bounded by that of one at four deviations.
+    assert!((1.2..2.3).contains(&silent), "{silent}");
+}
+
+/// A velocity of two axes, and a height: each axis knows what it was told.
+#[test]
+fn parts_of_readings_correct_their_own_axes() {
+    let mut design = design();
+    design.filter.position_noise = Some(0.1);
+    let design = JointTranslationDesign { channel: design, known_force_n: Vector3::zeros() };
+    let mut channel = JointChannel::translation(&design, None, None).unwrap();
+    let (mut flight, mut position) = (Flight::new(8), Vector3::new(3.0, -2.0, 7.0));
+    for j in 0..6000_u64 {
+        let command_n = flight.command_n(j as f64 * 0.005);
+        let [x, y, _] = flight.measured();
+        let height = (j % 20 == 0).then(|| position.z + 0.1 * flight.random.normal());
+        let sample = JointSample {
+            output: [x, y, None],
+            position: [None, None, height],
+            command: Some(command_n),
+            ..JointSample::default()
+        };
+        channel.accept(j * PERIOD_NS, &sample, Teaches::All, None::<fn(&mut ())>);
+        let before = flight.velocity;
+        flight.advance(&command_n, 0.005);
+        position += 0.0025 * (before + flight.velocity);
+    }
+    let prediction = channel.estimate(6000 * PERIOD_NS).prediction;
+    let [x, y, z] = prediction.position_std;
+    assert!(z < 0.1 && (prediction.position[2] - position.z).abs() < 4.0 * z, "{prediction:?} {position}");
+    // Nobody told where it is; dead reckoning of a minute's half.
+    assert!(x > 0.01 && y > 0.01, "{x} {y}");
+    let [vx, vy, vz] = prediction.velocity_std;
+    assert!(vx == vy && vx < 0.05 && vz > vx && vz < 0.3, "{vx} {vy} {vz}");
+    assert!(
+        (prediction.velocity[2] - flight.velocity.z).abs() < 4.0 * vz,
+        "{prediction:?} {}",
+        flight.velocity
+    );
+}
+
 /// Fixes of the position alone, 5 mm at 200 Hz: velocity and force are found; after a bounce that no command explains, the
 /// velocity is back within a fifth of a second.
 #[test]

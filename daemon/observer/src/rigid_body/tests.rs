@@ -77,6 +77,13 @@ fn varied_samples() -> Vec<Sample> {
             attitude: every(50, v).map(UnitQuaternion::new),
             force_n: every(3, -v),
             torque_n_m: every(1, 0.1 * v),
+            // Some samples say how good they are, and some lack a component.
+            velocity_quality: Quality {
+                std: [0.02 * (j % 3) as f64; 3],
+                missing: [j % 40 == 7, false, false],
+            },
+            position_quality: Quality { std: [0.0; 3], missing: [j % 200 == 0, j % 200 == 0, false] },
+            ..Sample::default()
         });
     }
     samples

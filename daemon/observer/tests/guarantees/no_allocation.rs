@@ -88,6 +88,7 @@ fn exercise(observer: &mut RigidBodyObserver) {
                     attitude: Some(UnitQuaternion::identity()),
                     force_n: Some(-v),
                     torque_n_m: Some(v),
+                    ..Sample::default()
                 },
                 Learn::ALL,
             );
