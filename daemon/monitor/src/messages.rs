@@ -275,6 +275,15 @@ mod tests {
             needed.push(tag);
             needed.extend(value.to_le_bytes());
         }
+        // Fields 15 to 18, the deviations: always there.
+        for tag in [&[0x7a][..], &[0x82, 1], &[0x8a, 1], &[0x92, 1]] {
+            needed.extend(tag);
+            needed.push(27);
+            for component in [0x09, 0x11, 0x19] {
+                needed.push(component);
+                needed.extend(0.0_f64.to_le_bytes());
+            }
+        }
         assert_eq!(encoded(sample), needed);
     }
 

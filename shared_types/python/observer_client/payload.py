@@ -209,7 +209,7 @@ READINGS = {
 class Measurement(Structure):
     """One set of sensor readings and commands, all taken at `stamp_ns`."""
 
-    TYPE_NAME = "observer.Measurement.v3"
+    TYPE_NAME = "observer.Measurement.v4"
 
     sequence: u64  # Counts from 0, one up per sample; a gap counts as loss.
     stamp_ns: u64  # CLOCK_MONOTONIC of the source when the readings were taken (ns).

@@ -90,6 +90,10 @@ class Vehicle:
         Readings, in SI units:
 
         body_velocity_m_s: instead of velocity_m_s, along the body axes, as of a Doppler log.
+
+        A component of velocity_m_s, angular_velocity_rad_s or position_m that was not measured is None: position_m=(None, None, z)
+        is a height. Standard deviations of this sample, by component, 0 as configured: velocity_std_m_s,
+        angular_velocity_std_rad_s, position_std_m, attitude_std_rad.
         """
         sample = Measurement(
             sequence=self._sequence if sequence is None else sequence,
@@ -101,10 +105,16 @@ class Vehicle:
                 raise ObserverError("velocity_m_s and body_velocity_m_s: needed: one of the two")
             readings["velocity_m_s"], sample.velocity_frame = body_velocity_m_s, payload.frame.BODY
         for name, value in readings.items():
-            if name not in payload.READINGS:
-                raise TypeError(f"publish() has no argument '{name}'; needed: one of {', '.join(payload.READINGS)}")
-            if value is not None:
-                _fill(getattr(sample, name), name, value)
+            if name not in payload.READINGS and name not in _DEVIATIONS:
+                names = [*payload.READINGS, *_DEVIATIONS]
+                raise TypeError(f"publish() has no argument '{name}'; needed: one of {', '.join(names)}")
+            if value is None:
+                continue
+            if name in _FIRST_ABSENT:
+                value, absent = _without_absent(value, _FIRST_ABSENT[name])
+                sample.absent |= absent
+            _fill(getattr(sample, name), name, value)
+            if name in payload.READINGS:
                 sample.valid |= payload.READINGS[name][0]
         if not sample.valid:
             raise ObserverError("a sample without any reading; needed: one of velocity_m_s=..., output=... (help(Vehicle.publish))")
@@ -287,6 +297,26 @@ def _taken(sample, payload_type):
     ctypes.memmove(ctypes.byref(message), sample.payload_ptr, ctypes.sizeof(message))
     sample.delete()
     return message
+
+
+#: Fields with the deviations of others.
+_DEVIATIONS = ("velocity_std_m_s", "angular_velocity_std_rad_s", "position_std_m", "attitude_std_rad")
+#: Bit of `absent` of the first component.
+_FIRST_ABSENT = {
+    "velocity_m_s": payload.absent.VELOCITY_X,
+    "angular_velocity_rad_s": payload.absent.ANGULAR_VELOCITY_X,
+    "position_m": payload.absent.POSITION_X,
+}
+
+
+def _without_absent(value, first):
+    """The components with 0 in place of None, and the bits of those."""
+    try:
+        components = list(value)
+    except TypeError:
+        return value, 0
+    absent = sum(first << place for place, component in enumerate(components) if component is None)
+    return [0.0 if component is None else component for component in components], absent
 
 
 def _fill(field, name, value):

@@ -111,6 +111,7 @@ def test_every_argument_arrives_in_its_field(service):
         measurements = vehicle.measurements(timeout_s=PATIENCE_S)
         vehicle.publish(body_velocity_m_s=[1.0, 2.0, 3.0], stamp_ns=123, sequence=41, on_ground=True, **readings)
         assert vehicle.publish(velocity_m_s=[1.0, 2.0, 3.0]) == 42
+        vehicle.publish(position_m=(None, None, 6.0), position_std_m=[0.0, 0.0, 0.2])
         assert next(measurements) == Measurement(
             sequence=41,
             stamp_ns=123,
@@ -130,6 +131,9 @@ def test_every_argument_arrives_in_its_field(service):
         assert (second.sequence, second.valid, second.velocity_frame) == (42, payload.valid.VELOCITY, payload.frame.INERTIAL)
         assert second.flags == 0
         assert second.stamp_ns <= time.monotonic_ns()
+        height = next(measurements)
+        assert (height.valid, height.absent) == (payload.valid.POSITION, payload.absent.POSITION_X | payload.absent.POSITION_Y)
+        assert (tuple(height.position_m), tuple(height.position_std_m)) == ((0.0, 0.0, 6.0), (0.0, 0.0, 0.2))
 
 
 def test_readings_of_another_shape_are_refused_and_nothing_is_sent(service):

@@ -74,7 +74,7 @@ payload! {
 
     /// One set of sensor readings and commands, all taken at `stamp_ns`.
     #[derive(Default, Serialize, Deserialize)]
-    pub struct Measurement: "observer.Measurement.v3" {
+    pub struct Measurement: "observer.Measurement.v4" {
         /// Counts from 0, one up per sample; a gap counts as loss.
         sequence: u64,
         /// CLOCK_MONOTONIC of the source when the readings were taken (ns).
