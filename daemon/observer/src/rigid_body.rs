@@ -394,7 +394,6 @@ impl RigidBodyObserver {
                     position: sample.position_quality.components(sample.position_m),
                     position_std: sample.position_quality.std,
                     command: sample.force_n,
-                    ..JointSample::default()
                 };
                 let agreement = translation.accept(
                     sample.stamp_ns,
