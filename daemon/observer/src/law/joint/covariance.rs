@@ -380,3 +380,77 @@ impl VectorLoop for SubtractRow<'_> {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::{DMatrix, DVector};
+
+    /// Against matrices, on each unit, for numbers of rows that fill blocks of every width.
+    #[test]
+    fn passes_are_what_the_formulas_say_on_every_unit_and_width() {
+        let mut seed = 1_u64;
+        let mut random = || {
+            seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            (seed >> 11) as f64 / (1_u64 << 53) as f64 - 0.5
+        };
+        for unit in [VectorUnit::of_this_machine(), VectorUnit::baseline()] {
+            for n in [5, 16, 24, 32, 40, 43, 53, 80, 141] {
+                let padded = whole_lanes(n);
+                let mut vector = || -> Vec<f64> {
+                    (0..padded).map(|i| if i < n { random() } else { 0.0 }).collect()
+                };
+                let (f, c, s, variances) = (vector(), vector(), vector(), vector());
+                let mut g = vector();
+                let root = DMatrix::from_fn(padded, n, |i, k| if i < n { vector()[k] } else { 0.0 });
+                let mut expected = &root * root.transpose();
+                let mut covariance = Covariance::zero(unit, n);
+                for i in 0..n {
+                    (0..=i).for_each(|j| covariance.set(i, j, expected[(i, j)]));
+                }
+                // A square that waits, with the velocity's row and, as after an update of the velocity, without.
+                for with_velocity in [true, false] {
+                    g[VELOCITY] = if with_velocity { 0.3 } else { 0.0 };
+                    covariance.subtract_square(&g);
+                    let square = DVector::from_column_slice(&g);
+                    expected -= &square * square.transpose();
+                    let agrees = |covariance: &Covariance, expected: &DMatrix<f64>| {
+                        let entries = (0..n).flat_map(|i| (0..n).map(move |j| (i, j)));
+                        entries
+                            .map(|(i, j)| (covariance.at(i, j) - expected[(i, j)]).abs())
+                            .fold(0.0, f64::max)
+                    };
+                    assert!(agrees(&covariance, &expected) < 1e-12, "{n}");
+                    let mut row = vec![0.0; padded];
+                    covariance.copy_row(3, &mut row);
+                    assert!((0..n).all(|j| row[j] == covariance.at(3, j)));
+                    let (mut of_f, mut of_c) = (vec![0.0; padded], vec![0.0; padded]);
+                    covariance.times([&f, &c], [&mut of_f, &mut of_c]);
+                    for (product, factor) in [(&of_f, &f), (&of_c, &c)] {
+                        let wanted = &expected * DVector::from_column_slice(factor);
+                        assert!((DVector::from_column_slice(product) - wanted).amax() < 1e-12, "{n}");
+                    }
+                    let mut settled = covariance.clone();
+                    settled.settle();
+                    let (mut product, mut of_settled) = (vec![0.0; padded], vec![0.0; padded]);
+                    covariance.advance(&f, &s, &variances, &mut product);
+                    settled.advance(&f, &s, &variances, &mut of_settled);
+                    assert!(product == of_settled && covariance == settled, "{n}: to the bit");
+                    assert!((0..n).all(|j| (product[j] - of_f[j]).abs() < 1e-12), "{n}");
+                    let kept: Vec<f64> = (0..padded).map(|j| expected[(VELOCITY, j)]).collect();
+                    expected = DMatrix::from_fn(padded, padded, |i, j| {
+                        expected[(i, j)] * s[i] * s[j] + if i == j { variances[i] } else { 0.0 }
+                    });
+                    // The caller sets the velocity's row.
+                    for (j, value) in kept.into_iter().enumerate() {
+                        (expected[(VELOCITY, j)], expected[(j, VELOCITY)]) = (value, value);
+                    }
+                    let mut values: Vec<f64> = (0..padded).map(|j| expected[(VELOCITY, j)]).collect();
+                    values[VELOCITY] = expected[(VELOCITY, VELOCITY)];
+                    covariance.set_cross(VELOCITY, &values);
+                    assert!(agrees(&covariance, &expected) < 1e-12, "{n}");
+                }
+            }
+        }
+    }
+}
