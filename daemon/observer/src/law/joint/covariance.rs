@@ -397,9 +397,8 @@ mod tests {
         for unit in [VectorUnit::of_this_machine(), VectorUnit::baseline()] {
             for n in [5, 16, 24, 32, 40, 43, 53, 80, 141] {
                 let padded = whole_lanes(n);
-                let mut vector = || -> Vec<f64> {
-                    (0..padded).map(|i| if i < n { random() } else { 0.0 }).collect()
-                };
+                let mut vector =
+                    || -> Vec<f64> { (0..padded).map(|i| if i < n { random() } else { 0.0 }).collect() };
                 let (f, c, s, variances) = (vector(), vector(), vector(), vector());
                 let mut g = vector();
                 let root = DMatrix::from_fn(padded, n, |i, k| if i < n { vector()[k] } else { 0.0 });
