@@ -145,16 +145,18 @@ pub(crate) fn known_force_n(translation: &TranslationConfig) -> Vector3<f64> {
 }
 
 #[cfg(test)]
-mod tests {
+pub(crate) mod tests {
     use super::*;
     use crate::kalman::KalmanFilter;
     use daemon::config::ConfigFile;
 
-    fn translation() -> TranslationConfig {
+    /// Of the laboratory's X8.
+    pub(crate) fn translation() -> TranslationConfig {
         ConfigFile::preset("acsl-x8").unwrap().config.translation.unwrap()
     }
 
-    fn sample(stamp_ns: u64, velocity: Vector3<f64>, force_n: Vector3<f64>) -> Sample {
+    /// A velocity and a command.
+    pub(crate) fn sample(stamp_ns: u64, velocity: Vector3<f64>, force_n: Vector3<f64>) -> Sample {
         Sample {
             stamp_ns,
             velocity: Some(Velocity::Inertial(velocity)),

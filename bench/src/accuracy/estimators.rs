@@ -180,20 +180,7 @@ impl Estimator for LeastSquares {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use daemon::config::ConfigFile;
-
-    fn translation() -> TranslationConfig {
-        ConfigFile::preset("acsl-x8").unwrap().config.translation.unwrap()
-    }
-
-    fn sample(stamp_ns: u64, velocity: Vector3<f64>, force_n: Vector3<f64>) -> Sample {
-        Sample {
-            stamp_ns,
-            velocity: Some(Velocity::Inertial(velocity)),
-            force_n: Some(force_n),
-            ..Sample::default()
-        }
-    }
+    use crate::disturbance_filter::tests::{sample, translation};
 
     /// v' = (u − 0.4 v − 0.3 |v| v)/m without noise: the coefficients are found, and a coast follows.
     #[test]

@@ -2,9 +2,9 @@
 //!
 //! World axes with z up. The velocity is the motion capture's, a derivative smoothed over some rows in both directions; where
 //! a frame was lost it is left out. The force is the thrust along z of the body: mass × k Σ (PWM/65535)² V², with the battery's
-//! voltage V. Where the on-board filter's velocity is there, a remark says its error against the motion capture's. One k is fitted on the first quarter of the time with running motors, to the specific force that the
+//! voltage V. One k is fitted on the first quarter of the time with running motors, to the specific force that the
 //! accelerometer measures along z. From where the motors are one straight line for a second, the radio was lost: the flight ends
-//! there.
+//! there. Where the table has the on-board filter's velocity, a remark says its error against the motion capture's.
 //!
 //! # Source
 //! Public repository syediu/nanobench-iros2026, datasets/dataset

@@ -162,7 +162,7 @@ impl Covariance {
     /// `product = P f`, then `P := P ∘ s sᵀ`, then `P_kk += variances_k`. The velocity's row stays as it is: it is to be set.
     ///
     /// # Cost
-    /// 2n² multiply-adds and 2n² multiplications, with the square that waits: one pass over P.
+    /// 2n² multiply-adds and n² multiplications, with the square that waits: one pass over P.
     pub(crate) fn advance(&mut self, f: &[f64], s: &[f64], variances: &[f64], product: &mut [f64]) {
         self.unit.run(Advance { covariance: self, f, s, variances, product });
         self.forget_square();
