@@ -7,9 +7,10 @@
 
 use crate::config::{Clock, Config, DeadlineConfig, InputConfig, OutlierAction};
 use crate::estimator::{ChannelName, Estimator, EstimatorState, VehicleEstimate};
-use crate::gate::{Accepted, Gate, GateState};
+use crate::gate::{Accepted, Arrival, Gate, GateState};
+use crate::window::{Kept, Place, Window};
 pub use flight_record::LoopCommand;
-use observer::{ChannelReport, Deviations, Learn};
+use observer::{ChannelReport, Deviations};
 use serde::{Deserialize, Serialize};
 use shared_types::payload::{Channel, Counters, Estimate, Measurement, Rejection, status_bits};
 
@@ -51,9 +52,9 @@ pub struct Engine {
     stale_after_s: f64,
     checkpoint_every: u64,
     counters: Counters,
+    /// Samples that may have to be fused again.
+    window: Window,
     frozen: bool,
-    /// Whether the newest accepted sample says that the vehicle stands on the ground.
-    on_ground: bool,
     newest_arrival_ns: Option<u64>,
     /// Stamps of the newest fallback to the checkpoint (ns), by channel.
     fell_back_ns: [Option<u64>; 3],
@@ -76,8 +77,9 @@ struct Tick {
 
 impl Engine {
     /// An engine before the first sample.
-    pub fn new(config: &Config, estimator: Estimator) -> Self {
+    pub fn new(config: &Config, mut estimator: Estimator) -> Self {
         Self {
+            window: Window::new(config.input.max_age_s, config.rate_hz, &mut estimator),
             estimator,
             gate: Gate::new(config.input, config.clock == Clock::Monotonic),
             limits: config.input,
@@ -87,7 +89,6 @@ impl Engine {
             checkpoint_every: ((CHECKPOINT_EVERY_S * config.rate_hz) as u64).max(1),
             counters: Counters::default(),
             frozen: false,
-            on_ground: false,
             newest_arrival_ns: None,
             fell_back_ns: [None; 3],
             n_forgotten: 0,
@@ -110,13 +111,21 @@ impl Engine {
 
     /// Takes a sample of `source` that arrived by the time of the wake-up.
     pub fn take(&mut self, measurement: &Measurement, source: u128) {
-        if self.tick.status & status_bits::PREDICT_ONLY != 0 {
-            self.gate.turn_away(measurement, source, self.tick.wake_ns);
+        let wake_ns = self.tick.wake_ns;
+        if self.tick.status & status_bits::PREDICT_ONLY != 0 || self.window.is_full() {
+            self.gate.turn_away(measurement, source, wake_ns);
             self.reject(Rejection::Overload);
             return;
         }
-        match self.gate.judge(measurement, source, self.tick.wake_ns) {
-            Ok(accepted) => self.accept(&accepted),
+        let Measurement { stamp_ns, sequence, valid, .. } = *measurement;
+        let place = Place { stamp_ns, valid, source, sequence };
+        let arrival = Arrival {
+            now_ns: wake_ns,
+            window_start_ns: self.window.start_ns(),
+            is_repeated: self.window.holds(&place),
+        };
+        match self.gate.judge(measurement, source, &arrival) {
+            Ok(accepted) => self.accept(&accepted, place),
             Err(reason) => self.reject(reason),
         }
     }
@@ -126,10 +135,12 @@ impl Engine {
         self.tick.status |= status_bits::REJECTED_SAMPLE;
     }
 
-    fn accept(&mut self, accepted: &Accepted) {
-        let Accepted { mut sample, mut linear, lost, new_source, new_time, stuck, on_ground } = *accepted;
+    fn accept(&mut self, accepted: &Accepted, place: Place) {
+        let Accepted { mut sample, mut linear, lost, found, new_source, new_time, stuck, on_ground } =
+            *accepted;
         if new_time {
             self.estimator.restart();
+            self.window.begin(&mut self.estimator, None);
             self.fell_back_ns = [None; 3];
         }
         for (count, stuck) in self.counters.outputs_stuck.iter_mut().zip(stuck) {
@@ -142,23 +153,36 @@ impl Engine {
             sample.angular_velocity_rad_s = sample.angular_velocity_rad_s.filter(|_| !stuck[1]);
             linear.output = linear.output.filter(|_| !stuck[2]);
         }
-        self.on_ground = on_ground;
-        let learn = Learn { frozen: self.frozen || on_ground, teaches };
-        let outliers = self.estimator.accept(&sample, &linear, learn);
-        for (count, is_outlier) in self.counters.outputs_held_back.iter_mut().zip(outliers) {
-            *count += u64::from(is_outlier);
-            self.tick.status |= bit(is_outlier, status_bits::HELD_BACK);
-        }
+        self.window.insert(Kept { place, sample, linear, frozen: self.frozen, teaches, on_ground });
         self.counters.samples_accepted += 1;
         // A forged sequence may have any gap.
-        self.counters.samples_lost = self.counters.samples_lost.saturating_add(lost);
+        let lost_by_now = self.counters.samples_lost.saturating_add(lost);
+        self.counters.samples_lost = lost_by_now.saturating_sub(u64::from(found));
         self.counters.source_changes += u64::from(new_source);
         self.tick.new_sample = true;
         self.newest_arrival_ns = Some(self.tick.wake_ns);
     }
 
+    /// Fuses what came, in the order of the stamps.
+    fn fuse(&mut self) {
+        let (counters, tick) = (&mut self.counters, &mut self.tick);
+        self.window.fuse(&mut self.estimator, |outliers| {
+            for (count, is_outlier) in counters.outputs_held_back.iter_mut().zip(outliers) {
+                *count += u64::from(is_outlier);
+                tick.status |= bit(is_outlier, status_bits::HELD_BACK);
+            }
+        });
+    }
+
+    /// The observers were set to another state: the samples of before are not fused again.
+    fn begin_window(&mut self) {
+        let newest_ns = self.gate.newest_stamp_ns();
+        self.window.begin(&mut self.estimator, newest_ns);
+    }
+
     /// Ends the tick and returns its estimate. The loop sets the stamp of publication.
     pub fn conclude(&mut self) -> Estimate {
+        self.fuse();
         let wake_ns = self.tick.wake_ns;
         let source_stamp_ns = self.gate.newest_stamp_ns();
         let stamp_ns = match self.clock {
@@ -197,6 +221,7 @@ impl Engine {
             let coasts = state.report(channel).is_none_or(|report| report.coasting);
             self.fall_back(channel, coasts, stamp_ns);
         }
+        self.begin_window();
         (self.estimator.estimate(stamp_ns), true)
     }
 
@@ -241,7 +266,8 @@ impl Engine {
             | bit(any(|channel| channel.clamped), status_bits::CLAMPED)
             | bit(any(|channel| channel.outside_centers), status_bits::OUTSIDE_CENTERS)
             | bit(self.frozen, status_bits::FROZEN)
-            | bit(self.on_ground, status_bits::ON_GROUND)
+            | bit(self.window.on_ground(), status_bits::ON_GROUND)
+            | bit(!self.window.is_caught_up(), status_bits::CATCHING_UP)
     }
 
     /// Which channels coast, and which are stale. Without any sample for `stale_after_s`, all of them are stale.
@@ -297,8 +323,9 @@ impl Engine {
                 // In the checkpoint, too.
                 self.estimator.reset();
                 self.gate.forget();
+                self.window.set_on_ground(false);
+                self.begin_window();
                 self.newest_arrival_ns = None;
-                self.on_ground = false;
                 self.n_forgotten += 1;
                 self.save();
             }
@@ -318,12 +345,12 @@ impl Engine {
 
     /// Whether a checkpoint is due now, between two ticks: the newest estimate was well within its limits.
     pub fn checkpoint_is_due(&self) -> bool {
-        self.is_good && self.counters.ticks.is_multiple_of(self.checkpoint_every)
+        self.is_good && self.window.is_caught_up() && self.counters.ticks.is_multiple_of(self.checkpoint_every)
     }
 
     /// Whether the newest estimate is good enough for a checkpoint.
     pub fn is_good(&self) -> bool {
-        self.is_good
+        self.is_good && self.window.is_caught_up()
     }
 
     /// How often something learned was forgotten, on command or because it was bad.
@@ -337,7 +364,7 @@ impl Engine {
             estimator: self.estimator.save(),
             gate: self.gate.state(),
             frozen: self.frozen,
-            on_ground: self.on_ground,
+            on_ground: self.window.on_ground(),
             newest_arrival_ns: self.newest_arrival_ns,
         });
     }
@@ -373,9 +400,10 @@ impl Engine {
         if let Some(state) = state {
             self.gate.resume(&state.gate);
             self.frozen = state.frozen;
-            self.on_ground = state.on_ground;
+            self.window.set_on_ground(state.on_ground);
             self.newest_arrival_ns = state.newest_arrival_ns;
         }
+        self.begin_window();
         self.save();
         Ok(())
     }

@@ -127,8 +127,7 @@ impl Estimator {
     pub fn save(&mut self) -> EstimatorState {
         let mut channels = [None; 3];
         self.each(|name, channel| channels[name as usize] = Some(channel.save()));
-        let body = self.rigid_body.as_ref();
-        EstimatorState { channels, fixed_attitude: body.and_then(RigidBodyObserver::fixed_attitude) }
+        EstimatorState { channels, fixed_attitude: self.fixed_attitude() }
     }
 
     /// Continues from the checkpoint of observers of the same design; see [`AnyChannel::load`].
@@ -167,6 +166,35 @@ impl Estimator {
             }
             start = end;
         }
+    }
+
+    /// Room for this many marks; see [`AnyChannel::reserve_marks`].
+    pub fn reserve_marks(&mut self, n_marks: usize) {
+        self.each(|_, channel| channel.reserve_marks(n_marks));
+    }
+
+    /// Bytes of one mark; `None` where a channel has none.
+    pub fn bytes_of_mark(&self) -> Option<usize> {
+        let channels = ChannelName::ALL.into_iter().filter_map(|name| self.channel(name));
+        channels.map(|channel| channel.bytes_of_mark()).sum()
+    }
+
+    /// Copies the channels' present into their marks at this place.
+    pub fn mark(&mut self, place: usize) {
+        self.each(|_, channel| channel.mark(place));
+    }
+
+    /// Becomes what it was at the mark at this place, with the attitude of a body without a rotation channel.
+    pub fn return_to(&mut self, place: usize, fixed_attitude: Option<UnitQuaternion<f64>>) {
+        self.each(|_, channel| channel.return_to(place));
+        if let Some(body) = &mut self.rigid_body {
+            body.set_fixed_attitude(fixed_attitude);
+        }
+    }
+
+    /// The attitude of a body without a rotation channel.
+    pub fn fixed_attitude(&self) -> Option<UnitQuaternion<f64>> {
+        self.rigid_body.as_ref().and_then(RigidBodyObserver::fixed_attitude)
     }
 
     /// Sets how outliers are detected; before, all outputs are accepted.

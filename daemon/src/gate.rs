@@ -10,6 +10,7 @@ use shared_types::Measurement;
 use shared_types::payload::{
     MAX_SEQUENCE_GAP, QUATERNION_NORM_TOLERANCE, Rejection, absent, flags, frame, valid,
 };
+use shared_types::service::MAX_SOURCES;
 use shared_types::table::{Bound, Limit, Message, Payload, Value};
 
 /// If samples are the clock, a stamp further ahead than this starts a new time, if its source may do so (s).
@@ -24,17 +25,30 @@ pub struct Accepted {
     pub sample: Sample,
     /// For the observer of a general linear plant.
     pub linear: LinearSample,
-    /// Size of the gap in the source's sequence before it: samples that never arrived.
+    /// Size of the gap in the source's sequence before it: samples that have not arrived.
     pub lost: u64,
-    /// Whether it comes from another source than the one before, or from the same one started again.
+    /// Whether it was counted as lost: it arrives after a later one of its source.
+    pub found: bool,
+    /// Whether it is the first one of its source, or the source started again.
     pub new_source: bool,
-    /// Whether its stamp does not continue from the one before, so that the state must start again. Only if samples are
+    /// Whether its stamp does not continue from the ones before, so that the state must start again. Only if samples are
     /// the clock.
     pub new_time: bool,
     /// Whether velocity, angular velocity, output repeat one value to the bit for longer than a working sensor does.
     pub stuck: [bool; 3],
-    /// Whether the vehicle says that it stands on the ground.
-    pub on_ground: bool,
+    /// Whether the vehicle says that it stands on the ground; `None` where the source has never said so.
+    pub on_ground: Option<bool>,
+}
+
+/// How a sample arrives.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Arrival {
+    /// When it was taken from the queue (ns).
+    pub now_ns: u64,
+    /// An older one is too late (ns).
+    pub window_start_ns: u64,
+    /// Whether its source has told a field of this instant already.
+    pub is_repeated: bool,
 }
 
 /// What was measured of a general linear plant and commanded to it.
@@ -46,10 +60,22 @@ pub struct LinearSample {
     pub input: Option<LinearOutput>,
 }
 
-/// The source in use and its newest accepted sample.
+/// The newest of all accepted samples.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 struct Newest {
     source: u128,
+    sequence: u64,
+    stamp_ns: u64,
+    /// When any sample was taken from the queue last (ns).
+    arrival_ns: u64,
+}
+
+/// A source and its newest accepted sample.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+struct Source {
+    source: u128,
+    /// Where its sequence began.
+    first_sequence: u64,
     sequence: u64,
     stamp_ns: u64,
     /// When it was taken from the queue.
@@ -58,9 +84,13 @@ struct Newest {
     seen_sequence: u64,
     /// Gaps before samples that were rejected.
     lost_before_seen: u64,
+    /// Whether it ever said that the vehicle stands on the ground.
+    tells_ground: bool,
+    /// Of velocity, angular velocity, output.
+    repeats: [Repeats; 3],
 }
 
-/// Accepts samples of one source at a time, in the order of their stamps, within physical limits.
+/// Accepts samples in the order of each source's sequence, within physical limits: of all sources, or of one at a time.
 ///
 /// No bad sample closes the gate for ever: after `takeover_after_s` without an accepted sample, the next good one is accepted
 /// as a new beginning.
@@ -76,10 +106,20 @@ pub struct Gate {
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 pub struct GateState {
     newest: Option<Newest>,
+    /// Those in use. Of one at a time, the first.
+    sources: [Option<Source>; MAX_SOURCES],
     other_source: Option<u128>,
     replaced: [Option<u128>; MAX_REPLACED],
-    /// Of velocity, angular velocity, output.
-    repeats: [Repeats; 3],
+}
+
+impl GateState {
+    fn of(&self, source: u128) -> Option<&Source> {
+        self.sources.iter().flatten().find(|own| own.source == source)
+    }
+
+    fn of_mut(&mut self, source: u128) -> Option<&mut Source> {
+        self.sources.iter_mut().flatten().find(|own| own.source == source)
+    }
 }
 
 /// How often a sensor repeats one value.
@@ -115,7 +155,7 @@ impl Gate {
         self.seen = *seen;
     }
 
-    /// Checks a sample of `source` that was taken from the queue at `now_ns`.
+    /// Checks a sample of `source`.
     ///
     /// # Errors
     /// The reason for which the sample is rejected.
@@ -123,27 +163,10 @@ impl Gate {
         &mut self,
         measurement: &Measurement,
         source: u128,
-        now_ns: u64,
+        arrival: &Arrival,
     ) -> Result<Accepted, Rejection> {
-        let Measurement { sequence, stamp_ns, .. } = *measurement;
-        match self.check(measurement, source, now_ns) {
-            Ok(mut accepted) => {
-                accepted.stuck = self.stuck(measurement);
-                if let Some(before) = self.source().filter(|&before| before != source) {
-                    self.seen.replaced.rotate_right(1);
-                    self.seen.replaced[0] = Some(before);
-                    self.seen.other_source = Some(before);
-                }
-                self.seen.newest = Some(Newest {
-                    source,
-                    sequence,
-                    stamp_ns,
-                    arrival_ns: now_ns,
-                    seen_sequence: sequence,
-                    lost_before_seen: 0,
-                });
-                Ok(accepted)
-            }
+        match self.check(measurement, source, arrival) {
+            Ok(accepted) => Ok(self.take(measurement, source, arrival.now_ns, accepted)),
             Err(reason) => {
                 self.see(measurement, source);
                 Err(reason)
@@ -151,44 +174,89 @@ impl Gate {
         }
     }
 
+    fn take(
+        &mut self,
+        measurement: &Measurement,
+        source: u128,
+        now_ns: u64,
+        mut accepted: Accepted,
+    ) -> Accepted {
+        let Measurement { sequence, stamp_ns, .. } = *measurement;
+        if let Some(before) = self.source().filter(|&before| before != source && self.is_exclusive()) {
+            self.seen.replaced.rotate_right(1);
+            self.seen.replaced[0] = Some(before);
+            self.seen.other_source = Some(before);
+            self.seen.sources = [None; MAX_SOURCES];
+        }
+        if accepted.new_time {
+            (self.seen.sources, self.seen.newest) = ([None; MAX_SOURCES], None);
+        }
+        let before = self.seen.of(source).copied();
+        let place = before.map_or_else(|| self.free_place(now_ns), |_| self.place_of(source)).unwrap_or(0);
+        let continued = before.filter(|_| !accepted.new_source);
+        let mut own = Source {
+            source,
+            first_sequence: continued.map_or(sequence, |before| before.first_sequence.min(sequence)),
+            sequence: continued.map_or(sequence, |before| before.sequence.max(sequence)),
+            stamp_ns: continued.map_or(stamp_ns, |before| before.stamp_ns.max(stamp_ns)),
+            arrival_ns: now_ns,
+            seen_sequence: continued.map_or(sequence, |before| before.seen_sequence.max(sequence)),
+            lost_before_seen: 0,
+            tells_ground: measurement.is_on_ground() || before.is_some_and(|before| before.tells_ground),
+            repeats: before.map(|before| before.repeats).unwrap_or_default(),
+        };
+        accepted.stuck = own.stuck(measurement, self.limits.stuck_after_samples);
+        accepted.on_ground = own.tells_ground.then(|| measurement.is_on_ground());
+        self.seen.sources[place] = Some(own);
+        let newest = self.seen.newest.filter(|newest| newest.stamp_ns > stamp_ns);
+        self.seen.newest = Some(Newest {
+            arrival_ns: now_ns,
+            ..newest.unwrap_or(Newest { source, sequence, stamp_ns, arrival_ns: now_ns })
+        });
+        accepted
+    }
+
     /// Notes a sample that arrived at `now_ns` and is not used because the loop is late. It does not count as lost, and
     /// its source counts as alive.
     pub fn turn_away(&mut self, measurement: &Measurement, source: u128, now_ns: u64) {
-        if let Some(newest) = self.seen.newest.as_mut().filter(|newest| newest.source == source) {
-            newest.arrival_ns = now_ns;
+        if let Some(own) = self.seen.of_mut(source) {
+            own.arrival_ns = now_ns;
+            self.seen.newest.iter_mut().for_each(|newest| newest.arrival_ns = now_ns);
         }
         self.see(measurement, source);
     }
 
     fn see(&mut self, measurement: &Measurement, source: u128) {
         let sequence = measurement.sequence;
-        match &mut self.seen.newest {
-            Some(newest) if newest.source != source => self.seen.other_source = Some(source),
-            Some(newest)
-                if (1..=MAX_SEQUENCE_GAP).contains(&sequence.saturating_sub(newest.seen_sequence)) =>
-            {
-                newest.lost_before_seen += sequence - newest.seen_sequence - 1;
-                newest.seen_sequence = sequence;
+        let has_begun = self.seen.newest.is_some();
+        match self.seen.of_mut(source) {
+            Some(own) if (1..=MAX_SEQUENCE_GAP).contains(&sequence.saturating_sub(own.seen_sequence)) => {
+                own.lost_before_seen += sequence - own.seen_sequence - 1;
+                own.seen_sequence = sequence;
             }
+            None if has_begun => self.seen.other_source = Some(source),
             _ => {}
         }
     }
 
-    fn stuck(&mut self, m: &Measurement) -> [bool; 3] {
-        let fields: [(u32, &[f64]); 3] = [
-            (valid::VELOCITY, &m.velocity_m_s),
-            (valid::ANGULAR_VELOCITY, &m.angular_velocity_rad_s),
-            (valid::OUTPUT, &m.output),
-        ];
-        std::array::from_fn(|place| {
-            let ((field, value), repeats) = (fields[place], &mut self.seen.repeats[place]);
-            if m.has(field) {
-                *repeats = repeats.after(value);
-            }
-            m.has(field)
-                && self.limits.stuck_after_samples > 0
-                && repeats.count >= self.limits.stuck_after_samples
-        })
+    fn is_exclusive(&self) -> bool {
+        self.limits.source != SourcePolicy::All
+    }
+
+    fn place_of(&self, source: u128) -> Option<usize> {
+        self.seen.sources.iter().position(|own| own.is_some_and(|own| own.source == source))
+    }
+
+    /// Where a new source may stand: a place that is free, else that of the one that is silent for longest.
+    fn free_place(&self, now_ns: u64) -> Option<usize> {
+        let places = self.seen.sources.iter().enumerate();
+        let silent = |own: &Source| self.is_silent(own.arrival_ns, now_ns);
+        let usable = places.filter(|(_, own)| own.as_ref().is_none_or(silent));
+        usable.min_by_key(|(_, own)| own.map(|own| own.arrival_ns)).map(|(place, _)| place)
+    }
+
+    fn is_silent(&self, arrival_ns: u64, now_ns: u64) -> bool {
+        now_ns.saturating_sub(arrival_ns) >= nanoseconds(self.limits.takeover_after_s)
     }
 
     /// Forgets everything: the next sample is the first.
@@ -196,7 +264,7 @@ impl Gate {
         self.seen = GateState::default();
     }
 
-    /// The source in use.
+    /// The source of the newest sample.
     pub fn source(&self) -> Option<u128> {
         self.seen.newest.map(|newest| newest.source)
     }
@@ -206,27 +274,29 @@ impl Gate {
         self.seen.other_source
     }
 
-    /// Stamp of the newest accepted sample (ns).
+    /// The newest stamp of the accepted samples (ns).
     pub fn newest_stamp_ns(&self) -> Option<u64> {
         self.seen.newest.map(|newest| newest.stamp_ns)
     }
 
-    /// Sequence of the newest accepted sample.
+    /// Sequence of the sample with the newest stamp.
     pub fn newest_sequence(&self) -> Option<u64> {
         self.seen.newest.map(|newest| newest.sequence)
     }
 
-    fn check(&self, m: &Measurement, source: u128, now_ns: u64) -> Result<Accepted, Rejection> {
+    fn check(&self, m: &Measurement, source: u128, arrival: &Arrival) -> Result<Accepted, Rejection> {
+        let Arrival { now_ns, window_start_ns, is_repeated } = *arrival;
         let sample = sample_of(m, &self.limits)?;
         let linear = linear_sample_of(m);
         let anew = Accepted {
             sample,
             linear,
             lost: 0,
+            found: false,
             new_source: true,
             new_time: false,
             stuck: [false; 3],
-            on_ground: m.is_on_ground(),
+            on_ground: None,
         };
         if self.check_clock {
             if m.stamp_ns > now_ns.saturating_add(nanoseconds(self.limits.max_future_s)) {
@@ -241,35 +311,56 @@ impl Gate {
         }
         let Some(newest) = &self.seen.newest else { return Ok(anew) };
 
-        let silent = now_ns.saturating_sub(newest.arrival_ns) >= nanoseconds(self.limits.takeover_after_s);
-        let other = source != newest.source;
-        let appeared =
-            self.limits.source == SourcePolicy::Newest && !self.seen.replaced.contains(&Some(source));
-        if other && !silent && !appeared {
+        let all_silent = self.is_silent(newest.arrival_ns, now_ns);
+        let own = self.seen.of(source);
+        let may_appear = match self.limits.source {
+            SourcePolicy::All => self.free_place(now_ns).is_some(),
+            SourcePolicy::First => false,
+            SourcePolicy::Newest => !self.seen.replaced.contains(&Some(source)),
+        };
+        if own.is_none() && !all_silent && !may_appear {
             return Err(Rejection::OtherSource);
         }
-        if m.stamp_ns == newest.stamp_ns {
+        if is_repeated {
             return Err(Rejection::RepeatedStamp);
         }
         let jumps = !self.check_clock && m.stamp_ns > newest.stamp_ns.saturating_add(nanoseconds(MAX_JUMP_S));
-        if m.stamp_ns < newest.stamp_ns || jumps {
-            return match !self.check_clock && (other || silent) {
+        if m.stamp_ns < window_start_ns || jumps {
+            return match !self.check_clock && (own.is_none() || all_silent) {
                 true => Ok(Accepted { new_time: true, ..anew }),
                 false if jumps => Err(Rejection::FarFuture),
-                false => Err(Rejection::OlderStamp),
+                false => Err(Rejection::TooLate),
             };
         }
-        if other {
-            return Ok(anew);
+        let Some(own) = own else { return Ok(anew) };
+        if (1..=MAX_SEQUENCE_GAP).contains(&m.sequence.saturating_sub(own.sequence)) {
+            let gap = m.sequence.saturating_sub(own.seen_sequence).saturating_sub(1);
+            return Ok(Accepted { lost: own.lost_before_seen + gap, new_source: false, ..anew });
         }
-        if (1..=MAX_SEQUENCE_GAP).contains(&m.sequence.saturating_sub(newest.sequence)) {
-            let gap = m.sequence.saturating_sub(newest.seen_sequence).saturating_sub(1);
-            return Ok(Accepted { lost: newest.lost_before_seen + gap, new_source: false, ..anew });
+        if m.sequence < own.sequence && m.stamp_ns < own.stamp_ns {
+            return Ok(Accepted { found: m.sequence > own.first_sequence, new_source: false, ..anew });
         }
-        match silent || (m.sequence == 0 && newest.sequence > 0) {
+        match self.is_silent(own.arrival_ns, now_ns) || (m.sequence == 0 && own.sequence > 0) {
             true => Ok(anew),
             false => Err(Rejection::SequenceBackwards),
         }
+    }
+}
+
+impl Source {
+    fn stuck(&mut self, m: &Measurement, after_samples: u64) -> [bool; 3] {
+        let fields: [(u32, &[f64]); 3] = [
+            (valid::VELOCITY, &m.velocity_m_s),
+            (valid::ANGULAR_VELOCITY, &m.angular_velocity_rad_s),
+            (valid::OUTPUT, &m.output),
+        ];
+        std::array::from_fn(|place| {
+            let ((field, value), repeats) = (fields[place], &mut self.repeats[place]);
+            if m.has(field) {
+                *repeats = repeats.after(value);
+            }
+            m.has(field) && after_samples > 0 && repeats.count >= after_samples
+        })
     }
 }
 
@@ -388,7 +479,14 @@ mod tests {
     }
 
     fn judge(gate: &mut Gate, measurement: &Measurement) -> Result<Accepted, Rejection> {
-        gate.judge(measurement, 1, measurement.stamp_ns)
+        judge_at(gate, measurement, 1, measurement.stamp_ns)
+    }
+
+    /// Where nothing late is taken.
+    fn judge_at(gate: &mut Gate, m: &Measurement, source: u128, now_ns: u64) -> Result<Accepted, Rejection> {
+        let window_start_ns = gate.newest_stamp_ns().unwrap_or(0);
+        let arrival = Arrival { now_ns, window_start_ns, is_repeated: m.stamp_ns == window_start_ns };
+        gate.judge(m, source, &arrival)
     }
 
     #[track_caller]
@@ -467,9 +565,9 @@ mod tests {
             (tilted_then_strong, 2, later_ns, Rejection::QuaternionNorm),
             (old, 2, later_ns, Rejection::TooOld),
             (old, 2, sample(9).stamp_ns, Rejection::OtherSource),
-            (old, 1, sample(9).stamp_ns, Rejection::OlderStamp),
+            (old, 1, sample(9).stamp_ns, Rejection::TooLate),
         ] {
-            assert_eq!(gate.judge(&measurement, source, now_ns), Err(reason));
+            assert_eq!(judge_at(&mut gate, &measurement, source, now_ns), Err(reason));
         }
     }
 
@@ -509,11 +607,11 @@ mod tests {
         let mut gate = gate(SourcePolicy::First);
         assert_accepted(judge(&mut gate, &sample(5)), 0, true);
         assert_eq!(judge(&mut gate, &sample(5)), Err(Rejection::RepeatedStamp));
-        assert_eq!(judge(&mut gate, &Measurement { sequence: 6, ..sample(4) }), Err(Rejection::OlderStamp));
+        assert_eq!(judge(&mut gate, &Measurement { sequence: 6, ..sample(4) }), Err(Rejection::TooLate));
         let now_ns = sample(6).stamp_ns;
-        assert_eq!(gate.judge(&sample(6), 1, now_ns - 51_000_000), Err(Rejection::FarFuture));
-        assert_eq!(gate.judge(&sample(6), 1, now_ns + 501_000_000), Err(Rejection::TooOld));
-        assert_accepted(gate.judge(&sample(6), 1, now_ns), 0, false);
+        assert_eq!(judge_at(&mut gate, &sample(6), 1, now_ns - 51_000_000), Err(Rejection::FarFuture));
+        assert_eq!(judge_at(&mut gate, &sample(6), 1, now_ns + 501_000_000), Err(Rejection::TooOld));
+        assert_accepted(judge_at(&mut gate, &sample(6), 1, now_ns), 0, false);
     }
 
     #[test]
@@ -536,7 +634,7 @@ mod tests {
         assert_accepted(judge(&mut gate, &Measurement { sequence: 0, ..sample(101) }), 0, true);
         // As another process, after a silence, even if its first samples were missed.
         let later = Measurement { sequence: 7, stamp_ns: sample(101).stamp_ns + 250_000_000, ..sample(0) };
-        assert_accepted(gate.judge(&later, 2, later.stamp_ns), 0, true);
+        assert_accepted(judge_at(&mut gate, &later, 2, later.stamp_ns), 0, true);
         assert_eq!(gate.source(), Some(2));
     }
 
@@ -563,33 +661,33 @@ mod tests {
     #[test]
     fn under_newest_the_later_source_wins_until_it_is_silent() {
         let mut gate = gate(SourcePolicy::Newest);
-        assert_accepted(gate.judge(&sample(0), 1, NOW_NS), 0, true);
-        assert_accepted(gate.judge(&sample(1), 2, NOW_NS), 0, true);
-        assert_eq!(gate.judge(&sample(2), 1, NOW_NS), Err(Rejection::OtherSource));
-        assert_accepted(gate.judge(&sample(2), 3, NOW_NS), 0, true);
-        assert_eq!(gate.judge(&sample(3), 2, NOW_NS), Err(Rejection::OtherSource));
-        assert_eq!(gate.judge(&sample(3), 1, NOW_NS), Err(Rejection::OtherSource));
-        assert_accepted(gate.judge(&sample(3), 3, NOW_NS), 0, false);
+        assert_accepted(judge_at(&mut gate, &sample(0), 1, NOW_NS), 0, true);
+        assert_accepted(judge_at(&mut gate, &sample(1), 2, NOW_NS), 0, true);
+        assert_eq!(judge_at(&mut gate, &sample(2), 1, NOW_NS), Err(Rejection::OtherSource));
+        assert_accepted(judge_at(&mut gate, &sample(2), 3, NOW_NS), 0, true);
+        assert_eq!(judge_at(&mut gate, &sample(3), 2, NOW_NS), Err(Rejection::OtherSource));
+        assert_eq!(judge_at(&mut gate, &sample(3), 1, NOW_NS), Err(Rejection::OtherSource));
+        assert_accepted(judge_at(&mut gate, &sample(3), 3, NOW_NS), 0, false);
         let late = sample(50);
-        assert_accepted(gate.judge(&late, 1, late.stamp_ns), 0, true);
+        assert_accepted(judge_at(&mut gate, &late, 1, late.stamp_ns), 0, true);
     }
 
     #[test]
     fn where_samples_are_the_clock_their_stamps_may_run_ahead() {
         let mut gate = Gate::new(InputConfig::default(), false);
-        assert_accepted(gate.judge(&sample(0), 1, 0), 0, true);
-        assert_accepted(gate.judge(&sample(1000), 1, 0), 999, false);
+        assert_accepted(judge_at(&mut gate, &sample(0), 1, 0), 0, true);
+        assert_accepted(judge_at(&mut gate, &sample(1000), 1, 0), 999, false);
         // But not so far that all later ones would look old.
         let ahead = Measurement { stamp_ns: sample(20_000).stamp_ns, ..sample(1001) };
-        assert_eq!(gate.judge(&ahead, 1, 0), Err(Rejection::FarFuture));
+        assert_eq!(judge_at(&mut gate, &ahead, 1, 0), Err(Rejection::FarFuture));
         assert_eq!(
-            gate.judge(&Measurement { stamp_ns: u64::MAX, ..sample(1002) }, 1, 0),
+            judge_at(&mut gate, &Measurement { stamp_ns: u64::MAX, ..sample(1002) }, 1, 0),
             Err(Rejection::FarFuture)
         );
-        assert_accepted(gate.judge(&sample(1003), 1, 0), 0, false);
+        assert_accepted(judge_at(&mut gate, &sample(1003), 1, 0), 0, false);
         // After a silence another replay may begin, earlier or later.
-        let accepted = gate.judge(&sample(5), 2, 300_000_000).unwrap();
+        let accepted = judge_at(&mut gate, &sample(5), 2, 300_000_000).unwrap();
         assert!(accepted.new_source && accepted.new_time);
-        assert!(gate.judge(&sample(90_000), 2, 600_000_000).unwrap().new_time);
+        assert!(judge_at(&mut gate, &sample(90_000), 2, 600_000_000).unwrap().new_time);
     }
 }

@@ -17,6 +17,7 @@
 //! | [`gate`] | which samples are accepted |
 //! | [`estimator`] | the observer of a configuration, of a rigid body or of a linear plant |
 //! | [`engine`] | everything that determines an estimate, without clock and ports |
+//! | [`window`] | the samples of the last while, in the order of their stamps |
 //! | [`cycle`] | the tick |
 //! | [`deadline`] | waiting for the next deadline |
 //! | [`ports`] | the iceoryx2 ports of the service |
@@ -48,6 +49,7 @@ pub mod service;
 pub mod snapshot;
 pub mod system;
 pub mod threads;
+pub mod window;
 
 pub use daemon_config as config;
 pub use service::{Service, ServiceFiles, StartError};

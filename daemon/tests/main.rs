@@ -12,6 +12,7 @@ mod configuration;
 mod doctor;
 mod engine;
 mod iceoryx2_config;
+mod late_samples;
 mod no_allocation;
 mod properties;
 mod python;

@@ -310,9 +310,13 @@ fn start_order_does_not_matter_and_ctrl_c_ends_it_cleanly() {
 }
 
 #[test]
-fn the_process_of_a_second_source_is_named() {
+fn where_one_source_holds_the_stream_the_process_of_a_second_one_is_named() {
     let domain = TestDomain::new();
-    let _daemon = run_daemon(&domain, &[]);
+    let directory = tempfile::tempdir().unwrap();
+    let config = directory.path().join("first.toml");
+    let text = format!("{}\n[input]\nsource = \"first\"\n", include_str!("../presets/rigid-body.toml"));
+    std::fs::write(&config, text).unwrap();
+    let _daemon = run_daemon(&domain, &["--config", config.to_str().unwrap()]);
     let (first, second) = (domain.client(), domain.client());
     let (a, b) = (first.measurement_publisher().unwrap(), second.measurement_publisher().unwrap());
     let mut sequence = 0;
@@ -323,4 +327,39 @@ fn the_process_of_a_second_source_is_named() {
         sequence += 1;
         domain.status().other_source_pid == u64::from(std::process::id())
     });
+}
+
+/// Two processes' worth of sensors: rates in time, and velocities that come 100 ms late.
+#[test]
+fn late_samples_of_a_second_source_are_used() {
+    let domain = TestDomain::new();
+    let daemon = run_daemon(&domain, &[]);
+    let (rates, velocities) = (domain.client(), domain.client());
+    let (rates, velocities) =
+        (rates.measurement_publisher().unwrap(), velocities.measurement_publisher().unwrap());
+    let mut waiting = std::collections::VecDeque::new();
+    for sequence in 0..300 {
+        let now_ns = monotonic_ns();
+        let rate = [0.1, 0.01 * (sequence as f64).sin(), 0.0];
+        rates.publish(&Measurement::at(now_ns, sequence).with_angular_velocity_rad_s(rate)).unwrap();
+        if sequence % 20 == 0 {
+            waiting.push_back(now_ns);
+        }
+        if waiting.front().is_some_and(|stamp_ns| now_ns - stamp_ns > 100_000_000)
+            && let Some(stamp_ns) = waiting.pop_front()
+        {
+            let velocity = [1.0 + 1e-3 * sequence as f64, 0.0, 0.5];
+            let sample = Measurement::at(stamp_ns, sequence / 20).with_velocity_m_s(velocity);
+            velocities.publish(&sample).unwrap();
+        }
+        period();
+    }
+    wait_until("all samples to be used", || {
+        let counters = domain.status().counters;
+        counters.samples_accepted + counters.samples_rejected.iter().sum::<u64>() >= 300 + 14
+    });
+    let counters = domain.status().counters;
+    assert_eq!(counters.samples_rejected.iter().sum::<u64>(), 0, "{counters:?}");
+    assert_eq!(counters.samples_lost, 0);
+    assert_eq!(daemon.stop().code, Some(0));
 }

@@ -3,13 +3,17 @@
 
 use crate::bytes::Bytes;
 use daemon::config::{InputConfig, SourcePolicy};
-use daemon::gate::Gate;
+use daemon::gate::{Arrival, Gate};
 use observer::Velocity;
 
 pub(crate) fn run(bytes: &[u8]) {
     let mut bytes = Bytes(bytes);
     let kind = bytes.byte();
-    let source = if kind & 1 == 0 { SourcePolicy::First } else { SourcePolicy::Newest };
+    let source = match kind & 5 {
+        0 => SourcePolicy::First,
+        1 => SourcePolicy::Newest,
+        _ => SourcePolicy::All,
+    };
     let limits = InputConfig { source, ..InputConfig::default() };
     let check_clock = kind & 2 == 0;
     let mut gate = Gate::new(limits, check_clock);
@@ -20,7 +24,9 @@ pub(crate) fn run(bytes: &[u8]) {
         let sample = bytes.measurement(near_ns, gate.newest_sequence().unwrap_or(0));
         let before = (gate.source(), gate.newest_stamp_ns(), gate.newest_sequence());
         let source = u128::from(bytes.byte() % 12);
-        match gate.judge(&sample, source, now_ns) {
+        let window_start_ns = gate.newest_stamp_ns().unwrap_or(0);
+        let arrival = Arrival { now_ns, window_start_ns, is_repeated: sample.stamp_ns == window_start_ns };
+        match gate.judge(&sample, source, &arrival) {
             Ok(accepted) => {
                 assert_eq!(gate.source(), Some(source));
                 assert_eq!(gate.newest_stamp_ns(), Some(sample.stamp_ns));
@@ -29,7 +35,7 @@ pub(crate) fn run(bytes: &[u8]) {
                 // Time goes forward, or is said to start anew, and that only where samples are the clock.
                 assert!(accepted.new_time || before.1.is_none_or(|newest_ns| sample.stamp_ns > newest_ns));
                 assert!(!(accepted.new_time && check_clock));
-                assert!(accepted.new_source || before.0 == Some(source));
+                assert!(accepted.new_source || kind & 4 != 0 || before.0 == Some(source));
                 if let Some(Velocity::Inertial(v) | Velocity::Body(v)) = accepted.sample.velocity {
                     assert!(v.norm() <= limits.max_speed_m_s);
                 }

@@ -22,7 +22,7 @@ pub const ESTIMATE_BUFFER: usize = 256;
 /// Readers of one instance, of each kind: programs, recorders, monitors.
 pub const MAX_READERS: usize = 32;
 /// Sources of one instance, whether used or refused.
-pub const MAX_SOURCES: usize = 8;
+pub const MAX_SOURCES: usize = 16;
 /// Processes (nodes) that use one service.
 pub(crate) const MAX_NODES: usize = 64;
 

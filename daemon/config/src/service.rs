@@ -28,12 +28,14 @@ pub enum Clock {
     Samples,
 }
 
-/// Which source wins where several publish.
+/// Which sources are used where several publish.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum SourcePolicy {
-    /// The one in use, until it has been silent for `takeover_after_s`.
+    /// All of them: each with a sequence of its own, fused in the order of their stamps.
     #[default]
+    All,
+    /// The one in use, until it has been silent for `takeover_after_s`.
     First,
     /// The one that appeared last.
     Newest,
@@ -234,16 +236,19 @@ pub struct InputConfig {
     /// Stamps are CLOCK_MONOTONIC of this machine: raise it only for sources whose clock is another one.
     #[schemars(extend("exclusiveMinimum" = 0.0))]
     pub max_future_s: f64,
-    /// A stamp further behind the clock is rejected.
+    /// A stamp further behind the clock, or behind the newest sample, is rejected. One that is not so late is put where it
+    /// belongs, and what came after it is done again.
     ///
-    /// More than the largest delay of your slowest sensor; replay with clock = "samples" does not look at it.
+    /// More than the largest delay of your slowest sensor: 1.5 with a USBL whose fixes come after one second. A longer window
+    /// costs memory, and time only where samples are as late as that.
     #[schemars(extend("exclusiveMinimum" = 0.0))]
     pub max_age_s: f64,
-    /// Where several publish: "first" keeps the one in use, "newest" takes the one that appeared last.
+    /// Where several publish: "all" uses all of them, "first" keeps the one in use, "newest" takes the one that appeared last.
     ///
-    /// "newest" where a source is replaced on purpose while the old one still runs.
+    /// "all" where each sensor has a process of its own. "first" and "newest" where redundant copies of one process
+    /// publish the same readings, which must not count twice.
     pub source: SourcePolicy,
-    /// A source silent for this long may be replaced by another one.
+    /// A source silent for this long may be replaced by another one, and may begin its sequence anew.
     ///
     /// Some periods of the source: shorter than the outage that your vehicle stands, longer than its jitter.
     #[schemars(extend("exclusiveMinimum" = 0.0))]
@@ -327,7 +332,7 @@ impl Default for InputConfig {
             max_state: 1e9,
             max_future_s: 0.05,
             max_age_s: 0.5,
-            source: SourcePolicy::First,
+            source: SourcePolicy::All,
             takeover_after_s: 0.2,
             outliers: OutlierAction::Correction,
             outlier_factor: 8.0,

@@ -3,7 +3,7 @@
 //!
 //! | field of a payload | in a recording |
 //! |---|---|
-//! | several numbers with names | a message with these names: `velocity_m_s.x`, `samples_rejected.older_stamp` |
+//! | several numbers with names | a message with these names: `velocity_m_s.x`, `samples_rejected.too_late` |
 //! | several numbers without | a list |
 //! | another payload | a message; the counters of a status stand among its own fields |
 //! | bits of an estimate's status | the number, and `status_words` |

@@ -225,7 +225,7 @@ fn a_public_reader_finds_in_a_recording_what_was_published() {
         assert_eq!(status["samples_accepted"], heard.counters.samples_accepted);
         assert_eq!(status["step_ns"]["p99"], heard.step_ns.p99);
         assert_eq!(status["dead_zone_width"]["translation"], heard.dead_zone_width[0].to_bits());
-        assert_eq!(status["samples_rejected"]["older_stamp"], heard.counters.samples_rejected[4]);
+        assert_eq!(status["samples_rejected"]["too_late"], heard.counters.samples_rejected[4]);
     }
     // The file says how its times were made of the stamps, and what is missing.
     let metadata = &found["metadata"];

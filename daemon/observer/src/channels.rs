@@ -160,6 +160,21 @@ pub trait AnyChannel {
     /// With another count of numbers than [`AnyChannel::n_learned`].
     fn load(&mut self, learned: &[f64], state: Option<&ChannelState>);
 
+    /// Room for this many marks: what the channel is at an instant, to return to when a sample arrives late. Allocates.
+    fn reserve_marks(&mut self, n_marks: usize);
+
+    /// Bytes of one mark; `None` where it would take too long to make one between two deadlines: with the local solver.
+    fn bytes_of_mark(&self) -> Option<usize>;
+
+    /// Copies the present into the mark at a place below the number that is reserved. No allocation.
+    ///
+    /// # Cost
+    /// A copy: N m numbers with the gradient law, n²/2 with the joint one.
+    fn mark(&mut self, place: usize);
+
+    /// Becomes what it was when the mark at this place was made, to the bit. No allocation.
+    fn return_to(&mut self, place: usize);
+
     /// Forgets the state, not what was learned: starts again from the next output, with any stamp.
     fn restart(&mut self);
 
@@ -195,6 +210,22 @@ where
 
     fn load(&mut self, learned: &[f64], state: Option<&ChannelState>) {
         Timeline::load(self, learned, state.and_then(OfChannel::unwrapped));
+    }
+
+    fn reserve_marks(&mut self, n_marks: usize) {
+        Timeline::reserve_marks(self, n_marks);
+    }
+
+    fn bytes_of_mark(&self) -> Option<usize> {
+        Timeline::bytes_of_mark(self)
+    }
+
+    fn mark(&mut self, place: usize) {
+        Timeline::mark(self, place);
+    }
+
+    fn return_to(&mut self, place: usize) {
+        Timeline::return_to(self, place);
     }
 
     fn restart(&mut self) {
@@ -236,6 +267,22 @@ where
 
     fn load(&mut self, learned: &[f64], state: Option<&ChannelState>) {
         JointChannel::load(self, learned, state.and_then(OfChannel::unwrapped));
+    }
+
+    fn reserve_marks(&mut self, n_marks: usize) {
+        JointChannel::reserve_marks(self, n_marks);
+    }
+
+    fn bytes_of_mark(&self) -> Option<usize> {
+        Some(JointChannel::bytes_of_mark(self))
+    }
+
+    fn mark(&mut self, place: usize) {
+        JointChannel::mark(self, place);
+    }
+
+    fn return_to(&mut self, place: usize) {
+        JointChannel::return_to(self, place);
     }
 
     fn restart(&mut self) {

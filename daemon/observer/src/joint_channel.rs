@@ -175,6 +175,8 @@ pub struct JointChannel<K> {
     initial: InitialMotion<K>,
     /// What was estimated at the checkpoint: the numbers of [`JointState::write`].
     saved: Vec<f64>,
+    /// What it was at earlier samples, to return to when one arrives late.
+    marks: Vec<(JointMoment<K>, JointHistory)>,
 }
 
 /// Velocity, position and pose before the first output.
@@ -265,6 +267,7 @@ impl<K: JointPose> JointChannel<K> {
             ahead_steps: None,
             initial,
             saved,
+            marks: Vec::new(),
         };
         channel.begin();
         channel.at.state.write(channel.filter.n, &mut channel.saved);
@@ -508,9 +511,9 @@ impl<K: JointPose> JointChannel<K> {
         &self.filter
     }
 
-    /// Bytes that are held: two states, a checkpoint, and the law.
+    /// Bytes that are held: two states, the marks, a checkpoint, and the law.
     pub fn bytes(&self) -> usize {
-        2 * self.filter.bytes_of_state() + size_of_val(&*self.saved) + self.filter.bytes_of_step()
+        (2 + self.marks.len()) * self.filter.bytes_of_state() + size_of_val(&*self.saved) + self.filter.bytes_of_step()
     }
 }
 

@@ -25,7 +25,7 @@
 use crate::function::evaluation::Evaluation;
 use crate::innovation_gate::{InnovationGate, InnovationScale, OutlierAction, OutputTimes};
 use crate::law::channel::Channel;
-use crate::law::gradient::{HeldOutput, Learning};
+use crate::law::gradient::{GradientMark, HeldOutput, Learning};
 use crate::plant::nominal::{Moment, Plant};
 use crate::report::certificate::Certificate;
 use nalgebra::SVector;
@@ -123,6 +123,8 @@ pub(crate) struct Timeline<P: Plant<M>, const M: usize> {
     trail_end: usize,
     gate: InnovationGate,
     innovation_scale: InnovationScale<M>,
+    /// What it was at earlier samples, to return to when one arrives late.
+    marks: Vec<(TimelineState<P::State, M>, GradientMark<M>)>,
 }
 
 impl<P: Plant<M>, const M: usize> Timeline<P, M> {
@@ -152,6 +154,7 @@ impl<P: Plant<M>, const M: usize> Timeline<P, M> {
             trail_end: 0,
             gate: InnovationGate::default(),
             innovation_scale: InnovationScale::unknown(),
+            marks: Vec::new(),
         }
     }
 
@@ -318,6 +321,11 @@ impl<P: Plant<M>, const M: usize> Timeline<P, M> {
     /// Saves what is learned by now as the checkpoint, and returns the state that goes with it. No allocation.
     pub(crate) fn save(&mut self) -> TimelineState<P::State, M> {
         self.channel.law_mut().save();
+        self.state()
+    }
+
+    /// Everything that later estimates depend on, except what was learned.
+    fn state(&self) -> TimelineState<P::State, M> {
         TimelineState {
             committed: self.is_started.then(|| *self.channel.at()),
             waiting: self.waiting,
@@ -356,6 +364,43 @@ impl<P: Plant<M>, const M: usize> Timeline<P, M> {
         self.teaches = saved.teaches;
         self.innovation_scale = saved.innovation_scale;
         self.channel.law_mut().hold(&saved.output);
+    }
+
+    /// Room for this many marks. Allocates. Nothing with the local solver.
+    pub(crate) fn reserve_marks(&mut self, n_marks: usize) {
+        let state = self.state();
+        let marks = (0..n_marks).map_while(|_| Some((state, self.channel.law().new_mark()?)));
+        self.marks = marks.collect();
+    }
+
+    /// Bytes of a mark; `None` with the local solver.
+    pub(crate) fn bytes_of_mark(&self) -> Option<usize> {
+        let numbers = 8 * self.channel.law().function().n_learned();
+        self.channel.law().function().learned().map(|_| size_of::<TimelineState<P::State, M>>() + numbers)
+    }
+
+    /// Copies the present into a mark. No allocation.
+    pub(crate) fn mark(&mut self, place: usize) {
+        let state = self.state();
+        if let Some((own, law)) = self.marks.get_mut(place) {
+            *own = state;
+            self.channel.law().mark(law);
+        }
+    }
+
+    /// Becomes what it was at a mark, to the bit. No allocation.
+    pub(crate) fn return_to(&mut self, place: usize) {
+        let Some((saved, law)) = self.marks.get(place) else { return };
+        self.channel.law_mut().return_to(law);
+        let saved = *saved;
+        self.waiting = saved.waiting;
+        self.put_back(saved.committed);
+        self.input = saved.input;
+        self.held_until_ns = saved.held_until_ns;
+        self.last_learning_clamped = saved.last_learning_clamped;
+        self.output_stamp_ns = saved.output_stamp_ns;
+        self.teaches = saved.teaches;
+        self.innovation_scale = saved.innovation_scale;
     }
 
     /// Forgets the state, not what was learned: starts again from the next output, at any stamp.

@@ -60,7 +60,7 @@ def test_status_rejections_and_replies_in_words():
     assert len(Estimate(status=2**64 - 1).words()) == 22
     status = Status()
     status.counters.samples_rejected[4] = 2
-    assert status.rejected() == {"older stamp": 2}
+    assert status.rejected() == {"too late": 2}
     reply = Reply(message_bytes=5)
     reply.message[:6] = b"savedX"
     assert reply.text() == "saved"

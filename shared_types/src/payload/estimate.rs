@@ -52,6 +52,8 @@ constants! {
         STALE_LINEAR = 1 << 20, "stale-linear";
         /// The newest sample says that the vehicle stands on the ground: nothing is learned.
         ON_GROUND = 1 << 21, "on-ground";
+        /// Samples that arrived late are still being put where they belong: the estimate is predicted from before them.
+        CATCHING_UP = 1 << 22, "catching-up";
         /// Any channel coasts.
         COASTING = COASTING_TRANSLATION | COASTING_ROTATION | COASTING_LINEAR;
     }

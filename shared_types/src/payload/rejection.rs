@@ -51,17 +51,17 @@ rejections! {
     BeyondLimits = "beyond_limits", "beyond physical limits";
     /// The attitude is not of unit norm.
     QuaternionNorm = "quaternion_norm", "quaternion not of unit norm";
-    /// The stamp is the same as the newest accepted one.
+    /// The source has already told a field of this instant.
     RepeatedStamp = "repeated_stamp", "repeated stamp";
-    /// The stamp is older than the newest accepted one.
-    OlderStamp = "older_stamp", "older stamp";
+    /// The stamp lies before the window in which late samples are put where they belong (`input.max_age_s`), or, with a law that cannot go back, before the newest one.
+    TooLate = "too_late", "too late";
     /// The stamp lies too far behind the clock.
     TooOld = "too_old", "too far behind the clock";
     /// The stamp lies too far ahead of the clock.
     FarFuture = "far_future", "too far ahead of the clock";
     /// The sequence went backwards although the source is the same.
     SequenceBackwards = "sequence_backwards", "sequence went backwards";
-    /// Another source holds the stream.
+    /// Another source holds the stream, or there are too many.
     OtherSource = "other_source", "another source holds the stream";
     /// No valid field, an unknown bit of `valid`, `flags` or `absent`, a body velocity without one of its components, or an unknown frame.
     Malformed = "malformed", "malformed";

@@ -48,7 +48,7 @@ payload! {
 impl Counters {
     /// Each counter in words with its value, those of several numbers with the parts that are not 0: for people.
     ///
-    /// `samples rejected`, `3 (1 not finite, 2 older stamp)`
+    /// `samples rejected`, `3 (1 not finite, 2 too late)`
     pub fn lines(&self) -> impl Iterator<Item = (String, String)> {
         let in_words = |name: &str| name.replace('_', " ");
         Self::TABLE.fields.iter().enumerate().map(move |(i, field)| {
@@ -270,13 +270,13 @@ mod tests {
     fn each_counter_is_told_in_words() {
         let mut counters = Counters { ticks: 7, outputs_stuck: [0, 2, 0], ..Counters::default() };
         counters.samples_rejected[Rejection::NotFinite as usize] = 1;
-        counters.samples_rejected[Rejection::OlderStamp as usize] = 2;
+        counters.samples_rejected[Rejection::TooLate as usize] = 2;
         let lines: Vec<_> = counters.lines().map(|(name, text)| format!("{name} {text}")).collect();
         assert_eq!(lines.len(), Counters::TABLE.fields.len());
         for needed in [
             "ticks 7",
             "samples lost 0",
-            "samples rejected 3 (1 not finite, 2 older stamp)",
+            "samples rejected 3 (1 not finite, 2 too late)",
             "outputs stuck 2 (2 rotation)",
         ] {
             assert!(lines.iter().any(|line| line == needed), "{needed}: {lines:?}");

@@ -89,6 +89,16 @@ impl<const M: usize> DenseFunction<M> {
         self.restore();
     }
 
+    /// θ and ‖θ‖.
+    pub(crate) fn learned(&self) -> &Learned<M, 1> {
+        &self.learned
+    }
+
+    /// Takes θ and ‖θ‖ that were copied before.
+    pub(crate) fn set_learned(&mut self, learned: &Learned<M, 1>) {
+        self.learned.copy_from(learned);
+    }
+
     pub(crate) fn saved(&self) -> &Learned<M, 1> {
         &self.saved
     }

@@ -2,6 +2,7 @@
 //! `f̂ ← f̂ + Π_N 𝔎(·, y) in`.
 
 use crate::error::DesignError;
+use crate::function::checkpoint::Learned;
 use crate::function::dense::DenseFunction;
 use crate::function::evaluation::Evaluation;
 use crate::function::lattice::LatticeFunction;
@@ -108,6 +109,21 @@ impl<const M: usize> LearnedFunction<M> {
     /// Takes the checkpoint of another function of the same design, as learned and as its own checkpoint.
     pub(crate) fn load(&mut self, numbers: &[f64]) {
         each!(&mut self.kind, f => f.load(numbers));
+    }
+
+    /// What is learned by now; `None` of the local solver, whose copy would take too long between two deadlines.
+    pub(crate) fn learned(&self) -> Option<&Learned<M, 1>> {
+        match &self.kind {
+            Kind::Dense(function) => Some(function.learned()),
+            Kind::Lattice(_) => None,
+        }
+    }
+
+    /// Takes what was learned by the time of a copy. Nothing with the local solver.
+    pub(crate) fn set_learned(&mut self, learned: &Learned<M, 1>) {
+        if let Kind::Dense(function) = &mut self.kind {
+            function.set_learned(learned);
+        }
     }
 
     /// m.

@@ -70,6 +70,32 @@ impl<K: JointPose> JointChannel<K> {
         self.put_back(saved);
     }
 
+    /// Room for this many marks. Allocates.
+    pub(crate) fn reserve_marks(&mut self, n_marks: usize) {
+        self.marks = vec![(self.at.clone(), self.history); n_marks];
+    }
+
+    /// Bytes of a mark.
+    pub(crate) fn bytes_of_mark(&self) -> usize {
+        self.filter.bytes_of_state()
+    }
+
+    /// Copies the present into a mark. No allocation.
+    pub(crate) fn mark(&mut self, place: usize) {
+        if let Some((moment, history)) = self.marks.get_mut(place) {
+            (moment.stamp_ns, moment.pose, *history) = (self.at.stamp_ns, self.at.pose, self.history);
+            moment.state.copy_from(&self.at.state);
+        }
+    }
+
+    /// Becomes what it was at a mark, to the bit. No allocation.
+    pub(crate) fn return_to(&mut self, place: usize) {
+        let Some((moment, history)) = self.marks.get(place) else { return };
+        (self.at.stamp_ns, self.at.pose, self.history) = (moment.stamp_ns, moment.pose, *history);
+        self.at.state.copy_from(&moment.state);
+        self.ahead_steps = None;
+    }
+
     fn put_back(&mut self, saved: Option<&JointChannelState<K>>) {
         self.ahead_steps = None;
         let Some(saved) = saved else {

@@ -20,6 +20,7 @@
 //! | θ, φ | `weights`, `features` | N×m, N | the input's; 1 |
 
 use crate::design::{FeaturePoint, GradientOptions};
+use crate::function::checkpoint::Learned;
 use crate::function::evaluation::Evaluation;
 use crate::function::learned::LearnedFunction;
 use crate::law::dead_zone::DeadZone;
@@ -85,6 +86,14 @@ impl<const M: usize> Learning<M> {
     pub fn none() -> Self {
         Self { activation: 0.0, clamped: false, increment: SVector::zeros() }
     }
+}
+
+/// Weights and held output at an instant.
+#[derive(Debug, Clone)]
+pub(crate) struct GradientMark<const M: usize> {
+    learned: Learned<M, 1>,
+    held: HeldOutput<M>,
+    prior: Evaluation<M>,
 }
 
 impl<const M: usize> GradientLaw<M> {
@@ -222,6 +231,27 @@ impl<const M: usize> GradientLaw<M> {
         self.held = *held;
         self.function.hold(self.feature_point().as_slice());
         self.prior = self.function.held();
+    }
+
+    /// Room for a mark; `None` with the local solver.
+    pub(crate) fn new_mark(&self) -> Option<GradientMark<M>> {
+        let learned = self.function.learned()?.clone();
+        Some(GradientMark { learned, held: self.held, prior: self.prior })
+    }
+
+    /// Copies weights and held output into a mark. No allocation.
+    pub(crate) fn mark(&self, mark: &mut GradientMark<M>) {
+        if let Some(learned) = self.function.learned() {
+            mark.learned.copy_from(learned);
+        }
+        (mark.held, mark.prior) = (self.held, self.prior);
+    }
+
+    /// Becomes what it was at a mark. No allocation.
+    pub(crate) fn return_to(&mut self, mark: &GradientMark<M>) {
+        self.function.set_learned(&mark.learned);
+        self.hold(&mark.held);
+        self.prior = mark.prior;
     }
 
     fn hold_nothing(&mut self) {
