@@ -1,7 +1,7 @@
 //! The command line of `bench`.
 
 use crate::flights::{replay, tune};
-use crate::{accuracy, demo, hover, ipc, jitter, load, paper, service, soak, step};
+use crate::{accuracy, demo, hover, ipc, jitter, load, paper, sensors, service, soak, step};
 use clap::{Parser, Subcommand};
 use daemon::config::ConfigError;
 use rustix::process::{Signal, set_parent_process_death_signal};
@@ -91,6 +91,12 @@ Examples:
   # At others
   bench paper --scenario rotation --dead-zone saturated --width 0.02")]
     Paper(paper::PaperArguments),
+    /// Sensors as vehicles have them: several processes, slow and late ones; beside the same samples at once.
+    #[command(after_help = "\
+Examples:
+  bench sensors
+  bench sensors --scenario auv-survey --json")]
+    Sensors(sensors::SensorsArguments),
     /// What the sensor's noise alone teaches the gradient law: f̂ of a hover in still air.
     #[command(after_help = "\
 Examples:
@@ -155,6 +161,7 @@ pub fn main_with_args(args: impl IntoIterator<Item = OsString>) -> ExitCode {
         Task::Soak(arguments) => soak::run(arguments),
         Task::Paper(arguments) => paper::run(arguments),
         Task::Hover(arguments) => hover::run(arguments),
+        Task::Sensors(arguments) => sensors::run(arguments),
         Task::Accuracy(arguments) => accuracy::run(arguments),
         Task::Replay(arguments) => replay::run(arguments),
         Task::Tune(arguments) => tune::run(arguments),

@@ -13,6 +13,7 @@
 //! docs/method.md, *What noise teaches*, derives the predicted line `‖f̂‖ = η γ s² ‖∇φ‖_F t`.
 
 use crate::harness::output::{show, table};
+use crate::harness::random::Random;
 use crate::plot::{self, Figure, Line, LineStyle, Panel};
 use clap::Args;
 use nalgebra::{Matrix3, Vector3};
@@ -179,21 +180,6 @@ fn gradient_norm(space: &NativeSpace) -> f64 {
         after.iter().zip(before).map(|(a, b)| ((a - b) / (2.0 * STEP)).powi(2)).sum()
     };
     [0, 1, 2].map(square).iter().sum::<f64>().sqrt()
-}
-
-/// The same numbers in every run.
-struct Random(u64);
-
-impl Random {
-    /// Normal to the fourth moment: the sum of twelve uniform numbers.
-    fn normal(&mut self) -> f64 {
-        (0..12).map(|_| self.uniform()).sum::<f64>() - 6.0
-    }
-
-    fn uniform(&mut self) -> f64 {
-        self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        (self.0 >> 11) as f64 / (1_u64 << 53) as f64
-    }
 }
 
 fn draw(file: &std::path::Path, variants: &[Learned], duration_s: f64) -> anyhow::Result<()> {

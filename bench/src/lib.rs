@@ -6,6 +6,7 @@
 //! |---|---|---|
 //! | `demo` | `bench demo` | errors of the whole system: service and simulated vehicle as two processes |
 //! | [`paper`] | `bench paper` | errors in the paper's two examples, with their table and figures |
+//! | `sensors` | `bench sensors` | accuracy with late sensors of several processes |
 //! | `hover` | `bench hover` | what the sensor's noise alone teaches the gradient law |
 //! | `step` | `bench step` | latency of a step as the number of centers grows |
 //! | `ipc` | `bench ipc` | a round trip through the service, beside one through bare shared memory |
@@ -32,6 +33,7 @@ mod kalman;
 mod load;
 pub mod paper;
 mod plot;
+mod sensors;
 mod service;
 mod soak;
 mod step;

@@ -259,6 +259,12 @@ impl Gate {
         now_ns.saturating_sub(arrival_ns) >= nanoseconds(self.limits.takeover_after_s)
     }
 
+    /// How a sample arrives at `now_ns` where nothing late is taken: samples of one source in their order.
+    pub fn in_order(&self, measurement: &Measurement, now_ns: u64) -> Arrival {
+        let window_start_ns = self.newest_stamp_ns().unwrap_or(0);
+        Arrival { now_ns, window_start_ns, is_repeated: measurement.stamp_ns == window_start_ns }
+    }
+
     /// Forgets everything: the next sample is the first.
     pub fn forget(&mut self) {
         self.seen = GateState::default();
@@ -484,9 +490,7 @@ mod tests {
 
     /// Where nothing late is taken.
     fn judge_at(gate: &mut Gate, m: &Measurement, source: u128, now_ns: u64) -> Result<Accepted, Rejection> {
-        let window_start_ns = gate.newest_stamp_ns().unwrap_or(0);
-        let arrival = Arrival { now_ns, window_start_ns, is_repeated: m.stamp_ns == window_start_ns };
-        gate.judge(m, source, &arrival)
+        gate.judge(m, source, &gate.in_order(m, now_ns))
     }
 
     #[track_caller]

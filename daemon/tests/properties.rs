@@ -1,7 +1,7 @@
 //! Properties of every stream of samples and of every domain's name, tested with random ones.
 
 use daemon::config::{InputConfig, SourcePolicy};
-use daemon::gate::{Arrival, Gate};
+use daemon::gate::Gate;
 use proptest::prelude::*;
 use shared_types::{Domain, Measurement};
 use std::collections::HashSet;
@@ -18,12 +18,6 @@ enum Fate {
     Arrives,
     Lost,
     Damaged,
-}
-
-/// The arrival where nothing late is taken.
-fn in_order(gate: &Gate, sample: &Measurement, now_ns: u64) -> Arrival {
-    let window_start_ns = gate.newest_stamp_ns().unwrap_or(0);
-    Arrival { now_ns, window_start_ns, is_repeated: sample.stamp_ns == window_start_ns }
 }
 
 fn fate() -> impl Strategy<Value = Fate> {
@@ -45,7 +39,7 @@ proptest! {
             if *fate == Fate::Lost {
                 continue;
             }
-            match gate.judge(&sample, 1, &in_order(&gate, &sample, stamp_ns)) {
+            match gate.judge(&sample, 1, &gate.in_order(&sample, stamp_ns)) {
                 Ok(sample) => {
                     prop_assert_eq!(*fate, Fate::Arrives);
                     accepted += 1;
@@ -83,7 +77,7 @@ proptest! {
             let stamp_ns = now_ns.saturating_add_signed(distance_ms * 1_000_000);
             let sequence = gate.newest_sequence().unwrap_or(0).saturating_add_signed(i64::from(jumps % 8) - 2);
             let sample = Measurement::at(stamp_ns, sequence).with_velocity_m_s([1.0, 0.0, 0.0]);
-            if let Ok(accepted) = gate.judge(&sample, source, &in_order(&gate, &sample, now_ns)) {
+            if let Ok(accepted) = gate.judge(&sample, source, &gate.in_order(&sample, now_ns)) {
                 prop_assert!(stamp_ns > newest_ns || (accepted.new_time && !check_clock));
                 newest_ns = stamp_ns;
             }

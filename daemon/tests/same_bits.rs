@@ -4,7 +4,7 @@ use crate::common::{TestDomain, run_daemon};
 use daemon::assemble;
 use daemon::config::{ConfigFile, InputConfig};
 use daemon::engine::to_payload;
-use daemon::gate::{Arrival, Gate};
+use daemon::gate::Gate;
 use observer::Learn;
 use shared_types::clock::{monotonic_ns, sleep_until_ns};
 use shared_types::{Estimate, Measurement};
@@ -58,8 +58,7 @@ fn the_service_and_the_library_agree_to_the_bit() {
     let mut compared = 0;
     for estimate in received.iter().filter(|estimate| estimate.source_stamp_ns > 0) {
         while let Some(sample) = samples.next_if(|sample| sample.sequence <= estimate.source_sequence) {
-            let arrival = Arrival { now_ns: estimate.stamp_ns, window_start_ns: 0, is_repeated: false };
-            let accepted = gate.judge(sample, 1, &arrival).unwrap();
+            let accepted = gate.judge(sample, 1, &gate.in_order(sample, estimate.stamp_ns)).unwrap();
             observer.accept(&accepted.sample, &accepted.linear, Learn::ALL);
         }
         let offline = to_payload(&observer.estimate(estimate.stamp_ns));

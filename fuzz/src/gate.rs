@@ -3,7 +3,7 @@
 
 use crate::bytes::Bytes;
 use daemon::config::{InputConfig, SourcePolicy};
-use daemon::gate::{Arrival, Gate};
+use daemon::gate::Gate;
 use observer::Velocity;
 
 pub(crate) fn run(bytes: &[u8]) {
@@ -24,9 +24,7 @@ pub(crate) fn run(bytes: &[u8]) {
         let sample = bytes.measurement(near_ns, gate.newest_sequence().unwrap_or(0));
         let before = (gate.source(), gate.newest_stamp_ns(), gate.newest_sequence());
         let source = u128::from(bytes.byte() % 12);
-        let window_start_ns = gate.newest_stamp_ns().unwrap_or(0);
-        let arrival = Arrival { now_ns, window_start_ns, is_repeated: sample.stamp_ns == window_start_ns };
-        match gate.judge(&sample, source, &arrival) {
+        match gate.judge(&sample, source, &gate.in_order(&sample, now_ns)) {
             Ok(accepted) => {
                 assert_eq!(gate.source(), Some(source));
                 assert_eq!(gate.newest_stamp_ns(), Some(sample.stamp_ns));

@@ -42,7 +42,7 @@ fn estimates(run: &Run, config: &ConfigFile, mut filter: DisturbanceFilter) -> V
         // The service's own attitude: what is compared is the translation.
         let attitude = quaternion(estimate.attitude_wxyz);
         while let Some(sample) = samples.next_if(|sample| sample.sequence <= estimate.source_sequence) {
-            if let Ok(accepted) = gate.judge(sample, 0, estimate.stamp_ns) {
+            if let Ok(accepted) = gate.judge(sample, 0, &gate.in_order(sample, estimate.stamp_ns)) {
                 filter.take(&accepted.sample, &attitude);
             }
         }

@@ -71,7 +71,7 @@ impl Run {
         let estimates = self.estimates.iter().map(|estimate| {
             while let Some(taken_ns) = samples.peek().and_then(|sample| taken_at_ns(sample, estimate)) {
                 let sample = samples.next().expect("it was peeked at");
-                if let Ok(accepted) = gate.judge(&sample, 0, taken_ns) {
+                if let Ok(accepted) = gate.judge(&sample, 0, &gate.in_order(&sample, taken_ns)) {
                     observer.accept(&accepted.sample, learn);
                 }
             }

@@ -7,6 +7,7 @@
 //! | `latency` | quantiles of latencies, and their columns in tables |
 //! | `machine` | the machine of a measurement |
 //! | `options` | value parsers of options that several commands share |
+//! | `random` | noise of a fixed seed |
 //! | `output` | tables, numbers, progress, shared messages |
 
 pub(crate) mod exchange;
@@ -15,3 +16,4 @@ pub(crate) mod machine;
 pub(crate) mod options;
 pub(crate) mod output;
 pub(crate) mod processes;
+pub(crate) mod random;

@@ -117,6 +117,7 @@ const LOGGED: u64 = status_bits::STALE
     | status_bits::STALE_ROTATION
     | status_bits::STALE_LINEAR
     | status_bits::REACQUIRING
+    | status_bits::CATCHING_UP
     | status_bits::ON_GROUND
     | status_bits::WAITING
     | status_bits::COASTING

@@ -110,6 +110,9 @@
 #define OBSERVER_STATUS_BITS_STALE_LINEAR UINT64_C(0x100000)
 /** The newest sample says that the vehicle stands on the ground: nothing is learned. */
 #define OBSERVER_STATUS_BITS_ON_GROUND UINT64_C(0x200000)
+/** Samples that arrived late are still being put where they belong: the estimate is predicted from before
+ * them. */
+#define OBSERVER_STATUS_BITS_CATCHING_UP UINT64_C(0x400000)
 #define OBSERVER_STATUS_BITS_COASTING UINT64_C(0x806) /**< Any channel coasts. */
 
 /* Bits of observer_status.real_time_requested and observer_status.real_time_granted. */
@@ -156,12 +159,14 @@ typedef enum {
   OBSERVER_REJECTION_NOT_FINITE, /**< A valid field is NaN or infinite. */
   OBSERVER_REJECTION_BEYOND_LIMITS, /**< A valid field is beyond the configured physical limit. */
   OBSERVER_REJECTION_QUATERNION_NORM, /**< The attitude is not of unit norm. */
-  OBSERVER_REJECTION_REPEATED_STAMP, /**< The stamp is the same as the newest accepted one. */
-  OBSERVER_REJECTION_OLDER_STAMP, /**< The stamp is older than the newest accepted one. */
+  OBSERVER_REJECTION_REPEATED_STAMP, /**< The source has already told a field of this instant. */
+  /** The stamp lies before the window in which late samples are put where they belong (`input.max_age_s`), or,
+   * with a law that cannot go back, before the newest one. */
+  OBSERVER_REJECTION_TOO_LATE,
   OBSERVER_REJECTION_TOO_OLD, /**< The stamp lies too far behind the clock. */
   OBSERVER_REJECTION_FAR_FUTURE, /**< The stamp lies too far ahead of the clock. */
   OBSERVER_REJECTION_SEQUENCE_BACKWARDS, /**< The sequence went backwards although the source is the same. */
-  OBSERVER_REJECTION_OTHER_SOURCE, /**< Another source holds the stream. */
+  OBSERVER_REJECTION_OTHER_SOURCE, /**< Another source holds the stream, or there are too many. */
   /** No valid field, an unknown bit of `valid`, `flags` or `absent`, a body velocity without one of its
    * components, or an unknown frame. */
   OBSERVER_REJECTION_MALFORMED,

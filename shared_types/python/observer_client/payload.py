@@ -101,6 +101,9 @@ class status_bits:
     # The newest output of the general linear plant is older than `stale_after_s`, or there was none yet.
     STALE_LINEAR = 0x100000
     ON_GROUND = 0x200000  # The newest sample says that the vehicle stands on the ground: nothing is learned.
+    # Samples that arrived late are still being put where they belong: the estimate is predicted from before
+    # them.
+    CATCHING_UP = 0x400000
     COASTING = 0x806  # Any channel coasts.
 
 
@@ -164,6 +167,7 @@ STATUS_WORDS = {
     0x80000: "stale-rotation",
     0x100000: "stale-linear",
     0x200000: "on-ground",
+    0x400000: "catching-up",
 }
 
 
@@ -183,7 +187,7 @@ REJECTION_WORDS = (
     "beyond physical limits",
     "quaternion not of unit norm",
     "repeated stamp",
-    "older stamp",
+    "too late",
     "too far behind the clock",
     "too far ahead of the clock",
     "sequence went backwards",

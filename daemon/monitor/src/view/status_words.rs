@@ -86,6 +86,10 @@ const WORDS: [Word; 19] = [
         "measurements are back after an outage, but not near the prediction yet: the state is uncertain"
             .into()
     }),
+    word(bits::CATCHING_UP, Caution, Now, 0, |_| {
+        "samples that came late are put where they belong over some ticks; until then it is a prediction from before them"
+            .into()
+    }),
     word(bits::DIVERGED, Caution, Lately, 0, |_| {
         "the state left its limits and was put back to the last good one; look at the sensors and input.max_…"
             .into()
