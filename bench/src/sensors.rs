@@ -1,12 +1,13 @@
 //! `bench sensors`: the engine of the service with sensors of several processes, slow and late ones, in simulated time.
 //!
-//! Each case flies three times, with the same readings:
+//! Each case flies several times, with the same readings:
 //!
 //! | run | |
 //! |---|---|
 //! | at once | every sample arrives when it was taken, in the order of the stamps |
 //! | late | each sensor's samples arrive with its delay |
 //! | late, silent | likewise, and the velocity's sensor says nothing for a minute while commands flow |
+//! | late, zeros | likewise, and it repeats exact zeros, as if they were valid; where the preset expects that |
 //!
 //! The estimate of each tick is compared with the truth of that instant, after the first minute.
 
@@ -14,10 +15,11 @@ use crate::harness::output::{show, table};
 use crate::harness::random::Random;
 use clap::{Args, ValueEnum};
 use daemon::assemble;
-use daemon::config::ConfigFile;
+use daemon::config::{ConfigFile, OutlierAction};
 use daemon::engine::Engine;
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 use serde::Serialize;
+use shared_types::payload::valid;
 use shared_types::{Estimate, Measurement, Truth, outln};
 use sim_publisher::{Scenario, Simulation, SimulationOptions};
 
@@ -128,6 +130,7 @@ enum Delivery {
     AtOnce,
     Late,
     LateAndSilent,
+    LateAndZeros,
 }
 
 /// Errors and counts of one run.
@@ -160,6 +163,9 @@ pub(crate) fn run(arguments: &SensorsArguments) -> anyhow::Result<()> {
         for delivery in [Delivery::AtOnce, Delivery::Late, Delivery::LateAndSilent] {
             flown.push(estimate(&case, &truths, &sent, delivery)?);
         }
+        if ConfigFile::preset(case.preset)?.config.input.stuck == OutlierAction::Correction {
+            flown.push(estimate(&case, &truths, &sent, Delivery::LateAndZeros)?);
+        }
     }
     show(arguments.json, &flown, || {
         let header = [
@@ -175,8 +181,7 @@ pub(crate) fn run(arguments: &SensorsArguments) -> anyhow::Result<()> {
             "lost",
         ];
         let row = |flown: &Flown| {
-            let counts =
-                [flown.samples_sent, flown.samples_used, flown.samples_rejected, flown.samples_lost];
+            let counts = [flown.samples_sent, flown.samples_used, flown.samples_rejected, flown.samples_lost];
             let errors = [
                 format!("{:.4}", flown.velocity_rms_m_s),
                 format!("{:.3}", flown.velocity_max_m_s),
@@ -248,7 +253,9 @@ fn read(
         Quantity::Depth => {
             sample.with_position_z_m(position.z).with_position_std_m([0.0, 0.0, sensor.noise[1]])
         }
-        Quantity::Position => sample.with_position_m(position.into()).with_position_std_m([sensor.noise[1]; 3]),
+        Quantity::Position => {
+            sample.with_position_m(position.into()).with_position_std_m([sensor.noise[1]; 3])
+        }
     }
 }
 
@@ -258,12 +265,19 @@ fn estimate(case: &Case, truths: &[Truth], sent: &[Sent], delivery: Delivery) ->
     (file.config.rate_hz, file.config.input.max_age_s) = (case.rate_hz, case.max_age_s);
     let mut engine = Engine::new(&file.config, assemble::estimator(&file)?);
 
-    let is_silent = |sent: &Sent| {
+    let is_broken = |sent: &Sent| {
         let t_s = (sent.sample.stamp_ns - START_NS) as f64 / 1e9;
-        let measures_velocity = sent.sample.has(shared_types::payload::valid::VELOCITY);
-        delivery == Delivery::LateAndSilent && measures_velocity && SILENT_S.contains(&t_s)
+        sent.sample.has(valid::VELOCITY) && SILENT_S.contains(&t_s)
     };
-    let mut sent: Vec<_> = sent.iter().copied().filter(|sent| !is_silent(sent)).collect();
+    let mut sent = sent.to_vec();
+    match delivery {
+        Delivery::AtOnce | Delivery::Late => {}
+        Delivery::LateAndSilent => sent.retain(|sent| !is_broken(sent)),
+        Delivery::LateAndZeros => {
+            let broken = sent.iter_mut().filter(|sent| is_broken(sent));
+            broken.for_each(|sent| sent.sample.velocity_m_s = [0.0; 3]);
+        }
+    }
     if delivery == Delivery::AtOnce {
         sent.iter_mut().for_each(|sent| sent.arrival_ns = sent.sample.stamp_ns);
     }
@@ -307,6 +321,7 @@ fn estimate(case: &Case, truths: &[Truth], sent: &[Sent], delivery: Delivery) ->
             Delivery::AtOnce => "at once",
             Delivery::Late => "late",
             Delivery::LateAndSilent => "late, silent",
+            Delivery::LateAndZeros => "late, zeros",
         },
         velocity_rms_m_s: f64::sqrt(squares / n),
         velocity_max_m_s: largest,

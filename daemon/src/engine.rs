@@ -5,7 +5,7 @@
 //!
 //! A tick is [`Engine::begin`], [`Engine::take`] for each sample, [`Engine::conclude`]: no allocation, no system call.
 
-use crate::config::{Clock, Config, DeadlineConfig, InputConfig, OutlierAction};
+use crate::config::{Clock, Config, DeadlineConfig, InputConfig, LawName, OutlierAction};
 use crate::estimator::{ChannelName, Estimator, EstimatorState, VehicleEstimate};
 use crate::gate::{Accepted, Arrival, Gate, GateState};
 use crate::window::{Kept, Place, Window};
@@ -50,6 +50,8 @@ pub struct Engine {
     deadline: DeadlineConfig,
     clock: Clock,
     stale_after_s: f64,
+    /// Which of translation and rotation have the joint law.
+    is_joint: [bool; 2],
     checkpoint_every: u64,
     counters: Counters,
     /// Samples that may have to be fused again.
@@ -86,6 +88,10 @@ impl Engine {
             deadline: config.deadline,
             clock: config.clock,
             stale_after_s: config.stale_after_s,
+            is_joint: [
+                config.translation.as_ref().is_some_and(|channel| channel.law() == LawName::Joint),
+                config.rotation.as_ref().is_some_and(|channel| channel.law() == LawName::Joint),
+            ],
             checkpoint_every: ((CHECKPOINT_EVERY_S * config.rate_hz) as u64).max(1),
             counters: Counters::default(),
             frozen: false,
@@ -136,8 +142,8 @@ impl Engine {
     }
 
     fn accept(&mut self, accepted: &Accepted, place: Place) {
-        let Accepted { mut sample, mut linear, lost, found, new_source, new_time, stuck, on_ground } =
-            *accepted;
+        let Accepted { mut sample, mut linear, lost, found, new_source, new_time, on_ground, .. } = *accepted;
+        let Accepted { repeats, stuck, .. } = *accepted;
         if new_time {
             self.estimator.restart();
             self.window.begin(&mut self.estimator, None);
@@ -149,8 +155,12 @@ impl Engine {
         }
         let teaches = stuck.map(|stuck| !(stuck && self.limits.stuck == OutlierAction::Adaptation));
         if self.limits.stuck == OutlierAction::Correction {
-            sample.velocity = sample.velocity.filter(|_| !stuck[0]);
-            sample.angular_velocity_rad_s = sample.angular_velocity_rad_s.filter(|_| !stuck[1]);
+            // The joint law knows whether a reading had to change.
+            let is_out = |place: usize| stuck[place] && !self.is_joint[place];
+            sample.velocity = sample.velocity.filter(|_| !is_out(0));
+            sample.angular_velocity_rad_s = sample.angular_velocity_rad_s.filter(|_| !is_out(1));
+            sample.velocity_quality.repeats = repeats[0];
+            sample.angular_velocity_quality.repeats = repeats[1];
             linear.output = linear.output.filter(|_| !stuck[2]);
         }
         self.window.insert(Kept { place, sample, linear, frozen: self.frozen, teaches, on_ground });
@@ -345,7 +355,9 @@ impl Engine {
 
     /// Whether a checkpoint is due now, between two ticks: the newest estimate was well within its limits.
     pub fn checkpoint_is_due(&self) -> bool {
-        self.is_good && self.window.is_caught_up() && self.counters.ticks.is_multiple_of(self.checkpoint_every)
+        self.is_good
+            && self.window.is_caught_up()
+            && self.counters.ticks.is_multiple_of(self.checkpoint_every)
     }
 
     /// Whether the newest estimate is good enough for a checkpoint.

@@ -34,7 +34,9 @@ pub struct Accepted {
     /// Whether its stamp does not continue from the ones before, so that the state must start again. Only if samples are
     /// the clock.
     pub new_time: bool,
-    /// Whether velocity, angular velocity, output repeat one value to the bit for longer than a working sensor does.
+    /// Whether velocity, angular velocity, output repeat the value before to the bit, or are nothing but zeros.
+    pub repeats: [bool; 3],
+    /// Likewise for longer than a working sensor does.
     pub stuck: [bool; 3],
     /// Whether the vehicle says that it stands on the ground; `None` where the source has never said so.
     pub on_ground: Option<bool>,
@@ -205,7 +207,11 @@ impl Gate {
             tells_ground: measurement.is_on_ground() || before.is_some_and(|before| before.tells_ground),
             repeats: before.map(|before| before.repeats).unwrap_or_default(),
         };
-        accepted.stuck = own.stuck(measurement, self.limits.stuck_after_samples);
+        accepted.repeats = own.repeats(measurement);
+        let after = self.limits.stuck_after_samples;
+        let is_stuck =
+            |place: usize| accepted.repeats[place] && after > 0 && own.repeats[place].count >= after;
+        accepted.stuck = std::array::from_fn(is_stuck);
         accepted.on_ground = own.tells_ground.then(|| measurement.is_on_ground());
         self.seen.sources[place] = Some(own);
         let newest = self.seen.newest.filter(|newest| newest.stamp_ns > stamp_ns);
@@ -301,6 +307,7 @@ impl Gate {
             found: false,
             new_source: true,
             new_time: false,
+            repeats: [false; 3],
             stuck: [false; 3],
             on_ground: None,
         };
@@ -354,7 +361,9 @@ impl Gate {
 }
 
 impl Source {
-    fn stuck(&mut self, m: &Measurement, after_samples: u64) -> [bool; 3] {
+    /// Which readings are what this source said before, or nothing but zeros, which no sensor of a moving vehicle says twice by
+    /// chance and one without a signal begins with.
+    fn repeats(&mut self, m: &Measurement) -> [bool; 3] {
         let fields: [(u32, &[f64]); 3] = [
             (valid::VELOCITY, &m.velocity_m_s),
             (valid::ANGULAR_VELOCITY, &m.angular_velocity_rad_s),
@@ -365,7 +374,7 @@ impl Source {
             if m.has(field) {
                 *repeats = repeats.after(value);
             }
-            m.has(field) && after_samples > 0 && repeats.count >= after_samples
+            m.has(field) && (repeats.count > 0 || value.iter().all(|number| *number == 0.0))
         })
     }
 }
@@ -456,7 +465,7 @@ pub fn sample_of(m: &Measurement, limits: &InputConfig) -> Result<Sample, Reject
 }
 
 fn quality(m: &Measurement, first: u32, std: [f64; 3]) -> Quality {
-    Quality { std, missing: missing(m, first) }
+    Quality { std, missing: missing(m, first), repeats: false }
 }
 
 /// A measurement whose values are checked, as a sample for the observer of a general linear plant.
@@ -504,7 +513,10 @@ mod tests {
         let limits = InputConfig::default();
         let depth = sample(0).with_position_z_m(-3.0).with_position_std_m([0.0, 0.0, 0.2]);
         let taken = sample_of(&depth, &limits).unwrap();
-        assert_eq!(taken.position_quality, Quality { std: [0.0, 0.0, 0.2], missing: [true, true, false] });
+        assert_eq!(
+            taken.position_quality,
+            Quality { std: [0.0, 0.0, 0.2], missing: [true, true, false], repeats: false }
+        );
         assert_eq!(taken.velocity_quality, Quality::default());
 
         let noisy = |std| Measurement { velocity_std_m_s: [0.1, std, 0.1], ..sample(0) };

@@ -153,6 +153,41 @@ fn what_is_older_than_the_window_is_too_late() {
     assert_eq!(engine.counters().samples_rejected[Rejection::TooLate as usize], 1);
 }
 
+/// A Doppler log without bottom lock whose driver says that its zeros are valid: named at once and not used, and used again
+/// when it says anything else.
+#[test]
+fn zeros_without_bottom_lock_are_not_believed() {
+    let mut engine = engine_of("auv", |_| ());
+    let mut now_ns = START_NS;
+    let mut speed_after = |from: u64, to: u64, has_lock: bool| {
+        let mut held_back_after_s = None;
+        let mut estimate = Estimate::default();
+        for j in from..to {
+            now_ns += 10 * MS;
+            let random = 0.01 * ((j * 7919 % 101) as f64 / 50.0 - 1.0);
+            let sample = Measurement::at(now_ns, j)
+                .with_angular_velocity_rad_s([random, 0.0, -random])
+                .with_attitude_wxyz([1.0, 0.0, 0.0, 0.0])
+                .with_force_n([0.0; 3]);
+            let velocity = if has_lock { [1.0 + random, random, 0.0] } else { [0.0; 3] };
+            engine.begin(now_ns, 0);
+            engine.take(&if j % 20 == 0 { sample.with_body_velocity_m_s(velocity) } else { sample }, 1);
+            estimate = engine.conclude();
+            if estimate.status & status_bits::HELD_BACK != 0 {
+                held_back_after_s.get_or_insert((j - from) as f64 / 100.0);
+            }
+        }
+        (estimate.velocity_m_s[0], held_back_after_s)
+    };
+    let (speed, _) = speed_after(0, 6000, true);
+    assert!((speed - 1.0).abs() < 0.02, "{speed}");
+    let (speed, held_back_after_s) = speed_after(6000, 9000, false);
+    assert!((speed - 1.0).abs() < 0.2, "{speed}");
+    assert!(held_back_after_s.is_some_and(|after_s| after_s < 1.0), "{held_back_after_s:?}");
+    let (speed, _) = speed_after(9000, 9100, true);
+    assert!((speed - 1.0).abs() < 0.02, "{speed}");
+}
+
 #[test]
 #[ignore = "ten minutes: 100 000 windows"]
 fn in_any_order_of_arrival_many_times() {

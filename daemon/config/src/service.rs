@@ -268,7 +268,10 @@ pub struct InputConfig {
     /// What happens to the outputs of a sensor that repeats one value to the bit: "off" uses them, "adaptation"
     /// does not learn from them, "correction" does not use them. The log names the sensor.
     ///
-    /// "off" for sensors that repeat themselves by nature: coarsely quantised, or simulated without noise.
+    /// "off" for sensors that repeat themselves by nature: coarsely quantised, or simulated without noise. With "correction" the
+    /// joint law does not use a repeated reading, from the first repetition on, once it disagrees with the prediction by five
+    /// deviations and until it changes: for a Doppler log that sends zeros without bottom lock. Not for a vehicle that stands on the ground
+    /// without saying so (ON_GROUND): a reading of zero there is true, and the model, which has no ground, denies it.
     pub stuck: OutlierAction,
     /// Repetitions of one value after which a sensor is stuck; 0 is never.
     pub stuck_after_samples: u64,

@@ -33,6 +33,9 @@ const MAX_STEP_NS: u64 = 250_000_000;
 /// for this many steps. Beyond, an estimate carries no information: the steps double again, to bound the cost.
 const STEPS_OF_A_LONG_COAST: u64 = 4096;
 
+/// A reading that repeats the one before is not used beyond this many deviations.
+const MAX_REPEATED: f64 = 5.0;
+
 /// Everything that a channel with the joint law is made of.
 #[derive(Debug, Clone, PartialEq)]
 pub struct JointChannelDesign {
@@ -75,6 +78,9 @@ pub struct JointSample {
     pub output: [Option<f64>; 3],
     /// Its deviations; 0: that of the design.
     pub output_std: [f64; 3],
+    /// Whether it is to the bit what its sensor said before. Once the prediction says that it must have changed, by more than five
+    /// deviations, it is not used until it does: the deviation of a coast grows until it covers anything.
+    pub repeats: bool,
     /// Position fix, inertial (m), by component.
     pub position: [Option<f64>; 3],
     /// Its deviations (m); 0: that of the design.
@@ -316,6 +322,13 @@ impl<K: JointPose> JointChannel<K> {
         let since_s = history.output_stamp_ns.map_or(0.0, |before_ns| seconds(stamp_ns - before_ns));
         let bias = self.at.pose.output_bias();
         let output = std::array::from_fn(|axis| sample.output[axis].map(|y| y - bias[axis]));
+        let judged = self.filter.judge_velocity(state, &output, &output_std);
+        let impossible = judged.filter(|judged| {
+            let is_beyond = judged.nis > MAX_REPEATED * MAX_REPEATED;
+            history.is_stuck = sample.repeats && (history.is_stuck || is_beyond);
+            history.is_stuck
+        });
+        let output = if impossible.is_some() { [None; 3] } else { output };
         let agreement = self.filter.update_velocity(state, &output, &output_std, since_s, teaches);
         if let Some(agreement) = &agreement {
             let agrees = !agreement.is_stray && !self.plant.is_coasting(history, stamp_ns);
@@ -330,7 +343,7 @@ impl<K: JointPose> JointChannel<K> {
                 history.see_fix(stamp_ns, fix.output_error(), fix.nis, !fix.is_stray && !was_coasting);
             }
         }
-        agreement
+        agreement.or(impossible.map(|impossible| Agreement { is_stray: true, ..impossible }))
     }
 
     /// Commits the prediction to the stamp of a new sample.
@@ -513,7 +526,9 @@ impl<K: JointPose> JointChannel<K> {
 
     /// Bytes that are held: two states, the marks, a checkpoint, and the law.
     pub fn bytes(&self) -> usize {
-        (2 + self.marks.len()) * self.filter.bytes_of_state() + size_of_val(&*self.saved) + self.filter.bytes_of_step()
+        (2 + self.marks.len()) * self.filter.bytes_of_state()
+            + size_of_val(&*self.saved)
+            + self.filter.bytes_of_step()
     }
 }
 

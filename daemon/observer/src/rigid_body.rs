@@ -73,6 +73,9 @@ pub struct Quality {
     pub std: [f64; 3],
     /// Which of them were not measured.
     pub missing: [bool; 3],
+    /// Whether the reading is to the bit what its sensor said before, and must not be believed without need. The gradient law,
+    /// which has no deviations, does not look at it.
+    pub repeats: bool,
 }
 
 impl Quality {
@@ -341,6 +344,7 @@ impl RigidBodyObserver {
                 let joint = JointSample {
                     output: sample.angular_velocity_quality.components(sample.angular_velocity_rad_s),
                     output_std: sample.angular_velocity_quality.std,
+                    repeats: sample.angular_velocity_quality.repeats,
                     command: sample.torque_n_m,
                     ..JointSample::default()
                 };
@@ -391,6 +395,7 @@ impl RigidBodyObserver {
                 let joint = JointSample {
                     output: sample.velocity_quality.components(velocity),
                     output_std,
+                    repeats: sample.velocity_quality.repeats,
                     position: sample.position_quality.components(sample.position_m),
                     position_std: sample.position_quality.std,
                     command: sample.force_n,

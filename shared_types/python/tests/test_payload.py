@@ -57,7 +57,7 @@ def test_messages_read_like_numbers_and_lists():
 def test_status_rejections_and_replies_in_words():
     estimate = Estimate(status=status_bits.TRACKING | status_bits.FROZEN)
     assert estimate.words() == ["tracking", "frozen"]
-    assert len(Estimate(status=2**64 - 1).words()) == 22
+    assert len(Estimate(status=2**64 - 1).words()) == 23
     status = Status()
     status.counters.samples_rejected[4] = 2
     assert status.rejected() == {"too late": 2}

@@ -34,6 +34,8 @@ pub(crate) struct JointHistory {
     pub(crate) nis: f64,
     /// ‖e‖ of the newest output.
     pub(crate) output_error: f64,
+    /// Whether the outputs repeat what cannot be.
+    pub(crate) is_stuck: bool,
     /// Whether the weights are learned since the newest sample.
     pub(crate) is_learning: bool,
 }
@@ -50,6 +52,7 @@ impl JointHistory {
             outputs_within: 0,
             nis: 0.0,
             output_error: 0.0,
+            is_stuck: false,
             is_learning: true,
         }
     }

@@ -81,8 +81,13 @@ fn varied_samples() -> Vec<Sample> {
             velocity_quality: Quality {
                 std: [0.02 * (j % 3) as f64; 3],
                 missing: [j % 40 == 7, false, false],
+                repeats: j % 5 == 0,
             },
-            position_quality: Quality { std: [0.0; 3], missing: [j % 200 == 0, j % 200 == 0, false] },
+            position_quality: Quality {
+                std: [0.0; 3],
+                missing: [j % 200 == 0, j % 200 == 0, false],
+                repeats: false,
+            },
             ..Sample::default()
         });
     }

@@ -82,6 +82,20 @@ impl JointFilter {
         Some(Agreement::of(&innovations, nis, weighing))
     }
 
+    /// How well a velocity agrees with the prediction; changes nothing. `None` before the first one.
+    pub fn judge_velocity(
+        &self,
+        state: &JointState,
+        velocity: &[Option<f64>; 3],
+        deviations: &[f64; 3],
+    ) -> Option<Agreement> {
+        velocity.iter().flatten().next().filter(|_| state.scalars.is_started)?;
+        let noise = state.scalars.noise_levels.sensor;
+        let innovations = innovations(state, VELOCITY, velocity, deviations, noise);
+        let nis = mean_of(&innovations, Innovation::normalized_square);
+        Some(Agreement::of(&innovations, nis, Weighing::NONE))
+    }
+
     /// Begins with this velocity; an axis that was not measured may have any.
     fn begin(&self, state: &mut JointState, velocity: &[Option<f64>; 3], deviations: &[f64; 3]) {
         state.scalars.is_started = true;
