@@ -29,7 +29,7 @@ fn run(
     for sample in Simulation::new(&options).unwrap() {
         let stamp_ns = sample.truth.stamp_ns;
         let measurement = sample.measurement.unwrap();
-        let accepted = gate.judge(&measurement, 0, 0).unwrap();
+        let accepted = gate.judge(&measurement, 0, &gate.in_order(&measurement, 0)).unwrap();
         if stamp_ns == 0 {
             observer.accept(&accepted.sample, Learn::ALL);
         }

@@ -129,7 +129,9 @@ fn through_library(file: &ConfigFile, arrivals: &Arrivals) -> u64 {
     let mut gate = Gate::new(file.config.input, true);
     let mut hash = Hash(0xcbf2_9ce4_8422_2325);
     for (at_ns, source, measurement) in arrivals {
-        let Ok(accepted) = gate.judge(measurement, *source, *at_ns) else { continue };
+        let Ok(accepted) = gate.judge(measurement, *source, &gate.in_order(measurement, *at_ns)) else {
+            continue;
+        };
         observer.accept(&accepted.sample, &accepted.linear, Learn::ALL);
         for later_ns in [0, 1_500_000, 40_000_000] {
             hash.add(&to_payload(&observer.estimate(accepted.sample.stamp_ns + later_ns)));

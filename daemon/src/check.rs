@@ -2,6 +2,7 @@
 
 use crate::assemble;
 use crate::config::{ConfigError, ConfigFile, DeadZoneName, LawName};
+use crate::engine::Engine;
 use crate::estimator::Estimator;
 use crate::gate::LinearSample;
 use nalgebra::Vector3;
@@ -11,6 +12,7 @@ use observer::{
     LinearObserver, LinearOutput, RigidBodyObserver, RotationLaw, Sample, SolverInUse, TranslationLaw,
     Velocity, length_scale_effect,
 };
+use shared_types::Measurement;
 use std::borrow::Cow;
 use std::time::{Duration, Instant};
 
@@ -22,6 +24,12 @@ pub const MAX_CENTERS_TO_COMPARE: usize = 729;
 /// Steps are timed until this many are done, or until this time is over.
 const MAX_TIMED_STEPS: usize = 400;
 const TIMING: Duration = Duration::from_millis(500);
+/// The late sample whose cost is measured is as late as this part of the window,
+const PART_OF_WINDOW: f64 = 0.9;
+/// so many of them are timed,
+const TIMED_LATE_SAMPLES: u64 = 20;
+/// with so many ticks between two, in which the engine catches up.
+const TICKS_BETWEEN_LATE: u64 = 20;
 /// Observers with more learned numbers than this are not copied to time their steps.
 const MAX_LEARNED_TO_COPY: usize = 1_000_000;
 /// But never fewer than these.
@@ -282,6 +290,60 @@ pub fn time_of_step(estimator: &Estimator) -> Option<StepTime> {
         estimator.accept(&sample, &linear, Learn::ALL);
         std::hint::black_box(estimator.estimate(jittered_ns(j) + 500_000));
     }))
+}
+
+/// What a sample costs that arrives nearly as late as it may.
+pub struct LateSample {
+    /// How late it is (s).
+    pub late_s: f64,
+    /// How many samples, at the configured rate, are fused again in its tick; the rest is for the next ticks.
+    pub n_fused_again: usize,
+    /// The tick.
+    pub tick: StepTime,
+}
+
+/// Measures it. `None` where no late sample is taken, with the local solver, or the design is refused.
+pub fn time_of_late_sample(file: &ConfigFile) -> Option<LateSample> {
+    let estimator = assemble::estimator(file).ok()?;
+    if estimator.n_learned() > MAX_LEARNED_TO_COPY {
+        return None;
+    }
+    let mut engine = Engine::new(&file.config, estimator);
+    if !engine.window().takes_late_samples() {
+        return None;
+    }
+    let (period_ns, late_s) = (period_ns(file), PART_OF_WINDOW * file.config.input.max_age_s);
+    let late_ns = (late_s * 1e9) as u64;
+    let (start_ns, n_before) = (1_000_000_000_000 + 2 * late_ns, 2 * late_ns / period_ns);
+    let mut durations_ns = Vec::new();
+    let mut n_fused_again = 0;
+    for j in 0..n_before + TICKS_BETWEEN_LATE * TIMED_LATE_SAMPLES {
+        let now_ns = start_ns + j * period_ns;
+        let at = |stamp_ns, sequence| {
+            let wander = (j as f64 * 0.1).sin();
+            Measurement::at(stamp_ns, sequence)
+                .with_velocity_m_s([0.5 * wander, 0.1, 0.0])
+                .with_angular_velocity_rad_s([0.1 * wander, 0.0, 0.05])
+                .with_force_n([wander, 0.0, 0.0])
+                .with_torque_n_m([0.0, 0.01 * wander, 0.0])
+                .with_output(&[0.1 * wander])
+        };
+        engine.begin(now_ns, 0);
+        engine.take(&at(now_ns, j), 1);
+        let is_late = j >= n_before && (j - n_before).is_multiple_of(TICKS_BETWEEN_LATE);
+        if is_late {
+            engine.take(&at(now_ns - late_ns + 1, j), 2);
+        }
+        let begin = Instant::now();
+        std::hint::black_box(engine.conclude());
+        if is_late {
+            durations_ns.push(begin.elapsed().as_nanos() as u64);
+            n_fused_again = engine.window().n_fused_again();
+        }
+    }
+    durations_ns.sort_unstable();
+    let tick = StepTime { median_ns: durations_ns[durations_ns.len() / 2], samples: durations_ns.len() };
+    Some(LateSample { late_s, n_fused_again, tick })
 }
 
 /// The time of a step and an estimate, outputs wandering through the box of the centers.

@@ -430,6 +430,11 @@ impl Engine {
         &mut self.counters
     }
 
+    /// The samples that may have to be fused again.
+    pub fn window(&self) -> &Window {
+        &self.window
+    }
+
     /// The gate.
     pub fn gate(&self) -> &Gate {
         &self.gate

@@ -90,6 +90,8 @@ pub struct Window {
     has_to_return: bool,
     length_ns: u64,
     max_fused_again: usize,
+    /// How many samples were fused again in the newest tick.
+    n_fused_again: usize,
     newest_ns: Option<u64>,
     on_ground: bool,
 }
@@ -111,6 +113,7 @@ impl Window {
             has_to_return: false,
             length_ns: (length_s * 1e9) as u64,
             max_fused_again: (in_a_period as usize).clamp(MIN_FUSED_AGAIN, MAX_FUSED_AGAIN),
+            n_fused_again: 0,
             newest_ns: None,
             on_ground: false,
         };
@@ -146,6 +149,16 @@ impl Window {
     /// Whether there is no room for another sample.
     pub fn is_full(&self) -> bool {
         self.kept.len() == MAX_SAMPLES
+    }
+
+    /// How many samples were fused again in the newest tick.
+    pub fn n_fused_again(&self) -> usize {
+        self.n_fused_again
+    }
+
+    /// Whether late samples can be put where they belong.
+    pub fn takes_late_samples(&self) -> bool {
+        self.n_marks > 0
     }
 
     /// Whether observers and samples agree.
@@ -198,12 +211,12 @@ impl Window {
             self.on_ground = mark.on_ground;
             self.has_to_return = false;
         }
-        let mut n_fused_again = 0;
+        self.n_fused_again = 0;
         while let Some((kept, was_fused)) = self.kept.get_mut(self.n_fused) {
-            n_fused_again += usize::from(*was_fused);
-            if n_fused_again > self.max_fused_again {
+            if *was_fused && self.n_fused_again == self.max_fused_again {
                 break;
             }
+            self.n_fused_again += usize::from(*was_fused);
             self.on_ground = kept.on_ground.unwrap_or(self.on_ground);
             let learn = Learn { frozen: kept.frozen || self.on_ground, teaches: kept.teaches };
             let outliers = estimator.accept(&kept.sample, &kept.linear, learn);

@@ -1,7 +1,9 @@
 //! `daemon check`: prints what is proven for a configuration.
 
 use super::arguments::DesignArguments;
-use crate::check::{self, ChannelCheck, LawReport, MAX_CENTERS_TO_COMPARE, StepTime, Units, checks};
+use crate::check::{
+    self, ChannelCheck, LateSample, LawReport, MAX_CENTERS_TO_COMPARE, StepTime, Units, checks,
+};
 use crate::config::{ConfigError, ConfigFile};
 use clap::Args;
 use comfy_table::{ContentArrangement, Table, presets::NOTHING};
@@ -33,6 +35,7 @@ pub(super) fn run(arguments: &CheckArguments) -> anyhow::Result<()> {
     } else {
         outln!("{}: {}\n", if refusal.is_none() { "ready" } else { "not ready" }, file.name());
         checks.iter().for_each(|check| print(&file, check));
+        outln!("{}", late_in_words(&file, check::time_of_late_sample(&file).as_ref()));
     }
     refusal.map_or(Ok(()), |refusal| Err(refusal.into()))
 }
@@ -68,7 +71,30 @@ fn document(file: &ConfigFile, checks: &[ChannelCheck], refusal: Option<&ConfigE
         "ready": refusal.is_none(),
         "reasons": refusal.map(ToString::to_string).into_iter().collect::<Vec<_>>(),
         "channels": channels,
+        "late_sample": check::time_of_late_sample(file).map(|late| {
+            json!({
+                "late_s": late.late_s,
+                "samples_fused_again": late.n_fused_again,
+                "tick_ns": late.tick.median_ns,
+                "ticks": late.tick.samples,
+            })
+        }),
     })
+}
+
+/// What late samples cost.
+fn late_in_words(file: &ConfigFile, late: Option<&LateSample>) -> String {
+    let Some(LateSample { late_s, n_fused_again, tick }) = late else {
+        return "late samples: too late, none is used: the local solver cannot go back".into();
+    };
+    format!(
+        "late samples: up to {} s (input.max_age_s); one that is {late_s} s late has {n_fused_again} samples at rate_hz fused \
+         again in its tick, which takes {:.0} µs of a period of {:.0} µs (median of {} here)",
+        file.config.input.max_age_s,
+        tick.median_ns as f64 / 1e3,
+        check::period_ns(file) as f64 / 1e3,
+        tick.samples,
+    )
 }
 
 /// The keys of the theorems, which are about the gradient law.

@@ -49,7 +49,7 @@ use Level::{Alarm, Caution, Info};
 use Shown::{Lately, Now};
 
 /// All words but those of good health (`tracking`, `adapting`) and `rejected-sample`, whose reasons are counted.
-const WORDS: [Word; 19] = [
+const WORDS: [Word; 20] = [
     word(bits::INVALID, Alarm, Now, 0, |_| {
         "the loop has been late for too long; lower rate_hz or use fewer centers; see daemon doctor".into()
     }),
