@@ -211,7 +211,7 @@ fn fly(case: &Case, seed: u64) -> anyhow::Result<(Vec<Truth>, Vec<Sent>)> {
         truths.push(truth);
         let Some(command) = simulated.measurement else { continue };
         for (source, (sensor, noise)) in (1..).zip(case.sensors.iter().zip(&mut noises)) {
-            if j % sensor.every == 0 {
+            if j.is_multiple_of(sensor.every) {
                 let sample = read(sensor, &truth, &command, j / sensor.every, noise);
                 let arrival_ns = truth.stamp_ns + (sensor.delay_s * 1e9) as u64;
                 sent.push(Sent { arrival_ns, source, sample });

@@ -69,7 +69,7 @@ fn window(random: &mut Random, start_ns: u64, sequences: &mut [u64; 4]) -> Vec<S
         let stamp_ns = start_ns + step * 10 * MS;
         let t_s = (stamp_ns - START_NS) as f64 / 1e9;
         for (source, every) in [(0, 1), (1, 6), (2, 4), (3, 3)] {
-            if (step + random.below(2)) % every != 0 {
+            if !(step + random.below(2)).is_multiple_of(every) {
                 continue;
             }
             let noise = 0.01 * random.normal();

@@ -169,7 +169,7 @@ mod tests {
 
     #[test]
     fn status_words_name_every_bit_once() {
-        assert_eq!(status_bits::words(u64::MAX).len(), 22);
+        assert_eq!(status_bits::words(u64::MAX).len(), 23);
         let coasting = ["coasting-translation", "coasting-rotation", "coasting-linear"];
         assert_eq!(status_bits::words(status_bits::COASTING), coasting);
     }
