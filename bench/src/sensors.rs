@@ -205,7 +205,7 @@ fn fly(case: &Case, seed: u64) -> anyhow::Result<(Vec<Truth>, Vec<Sent>)> {
     };
     let mut noises: Vec<_> = (0..).map(|k| Random(1000 * seed + k)).take(case.sensors.len()).collect();
     let (mut truths, mut sent) = (Vec::new(), Vec::new());
-    for (j, simulated) in (0..).zip(Simulation::new(&options)?) {
+    for (j, simulated) in (0_u64..).zip(Simulation::new(&options)?) {
         let mut truth = simulated.truth;
         truth.stamp_ns = START_NS + (j as f64 * 1e9 / case.rate_hz) as u64;
         truths.push(truth);
