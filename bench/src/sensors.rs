@@ -333,3 +333,25 @@ fn estimate(case: &Case, truths: &[Truth], sent: &[Sent], delivery: Delivery) ->
         samples_lost: counters.samples_lost,
     })
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn late_samples_of_several_processes_are_all_used_and_cost_little() {
+        let case = Case::of(CaseName::AuvSurvey);
+        let (truths, sent) = fly(&case, 2).unwrap();
+        let [at_once, late, zeros] = [Delivery::AtOnce, Delivery::Late, Delivery::LateAndZeros]
+            .map(|delivery| estimate(&case, &truths, &sent, delivery).unwrap());
+        for flown in [&at_once, &late, &zeros] {
+            let counts = (flown.samples_used, flown.samples_rejected, flown.samples_lost);
+            assert_eq!(counts, (flown.samples_sent, 0, 0), "{flown:?}");
+            assert!(flown.velocity_nees < 1.1, "{flown:?}");
+        }
+        assert!(late.velocity_rms_m_s < 0.03, "{late:?}");
+        assert!(late.velocity_rms_m_s < 1.5 * at_once.velocity_rms_m_s, "{late:?}");
+        assert!(late.position_rms_m < 0.5, "{late:?}");
+        assert!(zeros.velocity_max_m_s < 1.0, "{zeros:?}");
+    }
+}
