@@ -351,18 +351,12 @@ impl<P: Plant<M>, const M: usize> Timeline<P, M> {
         self.channel.law_mut().load(learned);
         let Some(saved) = state else { return };
         let loaded = |state: &P::State| self.channel.plant().loaded(&self.initial, state);
-        self.waiting = loaded(&saved.waiting);
         let committed =
             saved.committed.map(|Moment { stamp_ns, state }| Moment { stamp_ns, state: loaded(&state) });
-        self.put_back(committed);
-        self.input = saved.input;
         // Never longer than the own hold.
         let max_ns = committed.map_or(0, |moment| moment.stamp_ns.saturating_add(self.hold_ns));
-        self.held_until_ns = saved.held_until_ns.min(max_ns);
-        self.last_learning_clamped = saved.last_learning_clamped;
-        self.output_stamp_ns = saved.output_stamp_ns;
-        self.teaches = saved.teaches;
-        self.innovation_scale = saved.innovation_scale;
+        let held_until_ns = saved.held_until_ns.min(max_ns);
+        self.resume(&TimelineState { committed, waiting: loaded(&saved.waiting), held_until_ns, ..*saved });
         self.channel.law_mut().hold(&saved.output);
     }
 
@@ -393,6 +387,11 @@ impl<P: Plant<M>, const M: usize> Timeline<P, M> {
         let Some((saved, law)) = self.marks.get(place) else { return };
         self.channel.law_mut().return_to(law);
         let saved = *saved;
+        self.resume(&saved);
+    }
+
+    /// Continues from a state; what was learned and the output that is held are another matter.
+    fn resume(&mut self, saved: &TimelineState<P::State, M>) {
         self.waiting = saved.waiting;
         self.put_back(saved.committed);
         self.input = saved.input;
