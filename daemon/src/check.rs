@@ -86,6 +86,14 @@ pub struct StepTime {
     pub samples: usize,
 }
 
+impl StepTime {
+    /// Of these durations (ns), at least one.
+    fn of(mut durations_ns: Vec<u64>) -> Self {
+        durations_ns.sort_unstable();
+        Self { median_ns: durations_ns[durations_ns.len() / 2], samples: durations_ns.len() }
+    }
+}
+
 impl ChannelCheck {
     /// Why `daemon run` refuses the channel, if it does.
     pub fn refusal(&self) -> Option<&ConfigError> {
@@ -341,9 +349,7 @@ pub fn time_of_late_sample(file: &ConfigFile) -> Option<LateSample> {
             n_fused_again = engine.window().n_fused_again();
         }
     }
-    durations_ns.sort_unstable();
-    let tick = StepTime { median_ns: durations_ns[durations_ns.len() / 2], samples: durations_ns.len() };
-    Some(LateSample { late_s, n_fused_again, tick })
+    Some(LateSample { late_s, n_fused_again, tick: StepTime::of(durations_ns) })
 }
 
 /// The time of a step and an estimate, outputs wandering through the box of the centers.
@@ -406,6 +412,5 @@ fn time(mut step: impl FnMut(u64, [f64; 3])) -> StepTime {
         step(j, wander);
         durations_ns.push(start.elapsed().as_nanos() as u64);
     }
-    durations_ns.sort_unstable();
-    StepTime { median_ns: durations_ns[durations_ns.len() / 2], samples: durations_ns.len() }
+    StepTime::of(durations_ns)
 }

@@ -103,6 +103,10 @@ impl Estimator {
         }
     }
 
+    fn channels(&self) -> impl Iterator<Item = &dyn AnyChannel> {
+        ChannelName::ALL.into_iter().filter_map(|name| self.channel(name))
+    }
+
     fn each(&mut self, mut act: impl FnMut(ChannelName, &mut dyn AnyChannel)) {
         for name in ChannelName::ALL {
             if let Some(channel) = self.channel_mut(name) {
@@ -148,17 +152,13 @@ impl Estimator {
 
     /// How many numbers are learned, by all channels.
     pub fn n_learned(&self) -> usize {
-        ChannelName::ALL
-            .into_iter()
-            .filter_map(|name| self.channel(name))
-            .map(|channel| channel.n_learned())
-            .sum()
+        self.channels().map(|channel| channel.n_learned()).sum()
     }
 
     /// The learned numbers of the checkpoint from `from` on, as many as `into` has room for: channel after channel.
     pub fn read_saved(&self, from: usize, into: &mut [f64]) {
         let mut start = 0;
-        for channel in ChannelName::ALL.into_iter().filter_map(|name| self.channel(name)) {
+        for channel in self.channels() {
             let end = start + channel.n_learned();
             let (first, last) = (from.max(start), (from + into.len()).min(end));
             if first < last {
@@ -175,8 +175,7 @@ impl Estimator {
 
     /// Bytes of one mark; `None` where a channel has none.
     pub fn bytes_of_mark(&self) -> Option<usize> {
-        let channels = ChannelName::ALL.into_iter().filter_map(|name| self.channel(name));
-        channels.map(|channel| channel.bytes_of_mark()).sum()
+        self.channels().map(|channel| channel.bytes_of_mark()).sum()
     }
 
     /// Copies the channels' present into their marks at this place.

@@ -322,10 +322,11 @@ impl<K: JointPose> JointChannel<K> {
         let since_s = history.output_stamp_ns.map_or(0.0, |before_ns| seconds(stamp_ns - before_ns));
         let bias = self.at.pose.output_bias();
         let output = std::array::from_fn(|axis| sample.output[axis].map(|y| y - bias[axis]));
-        let judged = self.filter.judge_velocity(state, &output, &output_std);
+        history.is_stuck &= sample.repeats || output.iter().all(Option::is_none);
+        let judged =
+            sample.repeats.then(|| self.filter.judge_velocity(state, &output, &output_std)).flatten();
         let impossible = judged.filter(|judged| {
-            let is_beyond = judged.nis > MAX_REPEATED * MAX_REPEATED;
-            history.is_stuck = sample.repeats && (history.is_stuck || is_beyond);
+            history.is_stuck |= judged.nis > MAX_REPEATED * MAX_REPEATED;
             history.is_stuck
         });
         let output = if impossible.is_some() { [None; 3] } else { output };
