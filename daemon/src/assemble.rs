@@ -322,7 +322,11 @@ fn joint_translation(keys: &TranslationConfig, rate_hz: f64) -> Result<JointTran
     filter.position_noise = Some(keys.position_noise_m);
     let channel =
         joint_channel(filter, Matrix3::identity() * keys.mass_kg, keys.sample_rate_hz.unwrap_or(rate_hz));
-    Ok(JointTranslationDesign { channel, known_force_n: known_force_n(keys)? })
+    Ok(JointTranslationDesign {
+        channel,
+        known_force_n: known_force_n(keys)?,
+        gravity_m_s2: keys.gravity_m_s2.into(),
+    })
 }
 
 fn joint_rotation(keys: &RotationConfig, rate_hz: f64) -> Result<JointRotationDesign, DesignError> {

@@ -15,6 +15,7 @@ use crate::deadline::{WakeUp, skip_missed, wait_for_deadline};
 use crate::engine::{Engine, LoopCommand};
 use crate::limits::MAX_SAMPLES_PER_TICK;
 use crate::ports::LoopPorts;
+use crate::source_book::SourceBook;
 use crate::threads::recorder::RecorderRing;
 use crate::threads::snapshot_writer::SnapshotRing;
 use flight_record::Entry;
@@ -51,6 +52,8 @@ pub struct TickRecord {
     pub output_ages_ns: [Option<u64>; 3],
     /// Normalized innovation squared of the newest output of each channel.
     pub nis: [f64; 3],
+    /// What each source has sent.
+    pub sources: SourceBook,
     /// The source in use.
     pub source: Option<u128>,
     /// Another source whose samples are refused.
@@ -169,6 +172,7 @@ impl Cycle {
             newest_stamp_ns: gate.newest_stamp_ns(),
             output_ages_ns: self.engine.output_ages_ns(&estimate),
             nis: estimate.channels().map(|channel| channel.nis),
+            sources: *self.engine.sources(),
             source: gate.source(),
             other_source: gate.other_source(),
             stuck: estimate.status & status_bits::STUCK != 0,

@@ -8,6 +8,8 @@
 use crate::config::{Clock, Config, DeadlineConfig, InputConfig, LawName, OutlierAction};
 use crate::estimator::{ChannelName, Estimator, EstimatorState, VehicleEstimate};
 use crate::gate::{Accepted, Arrival, Gate, GateState};
+use crate::sensors::{Installed, Sensors};
+use crate::source_book::{Received, SourceBook};
 use crate::window::{Kept, Place, Window};
 pub use flight_record::LoopCommand;
 use observer::{ChannelReport, Deviations};
@@ -46,6 +48,7 @@ pub struct Checkpoint {
 pub struct Engine {
     estimator: Estimator,
     gate: Gate,
+    sensors: Sensors,
     limits: InputConfig,
     deadline: DeadlineConfig,
     clock: Clock,
@@ -54,6 +57,7 @@ pub struct Engine {
     is_joint: [bool; 2],
     checkpoint_every: u64,
     counters: Counters,
+    sources: SourceBook,
     /// Samples that may have to be fused again.
     window: Window,
     frozen: bool,
@@ -84,6 +88,7 @@ impl Engine {
             window: Window::new(config.input.max_age_s, config.rate_hz, &mut estimator),
             estimator,
             gate: Gate::new(config.input, config.clock == Clock::Monotonic),
+            sensors: Sensors::new(&config.sensor),
             limits: config.input,
             deadline: config.deadline,
             clock: config.clock,
@@ -94,6 +99,7 @@ impl Engine {
             ],
             checkpoint_every: ((CHECKPOINT_EVERY_S * config.rate_hz) as u64).max(1),
             counters: Counters::default(),
+            sources: SourceBook::default(),
             frozen: false,
             newest_arrival_ns: None,
             fell_back_ns: [None; 3],
@@ -120,30 +126,46 @@ impl Engine {
         let wake_ns = self.tick.wake_ns;
         if self.tick.status & status_bits::PREDICT_ONLY != 0 || self.window.is_full() {
             self.gate.turn_away(measurement, source, wake_ns);
-            self.reject(Rejection::Overload);
+            self.reject(Rejection::Overload, measurement, source);
             return;
         }
-        let Measurement { stamp_ns, sequence, valid, .. } = *measurement;
+        let (measurement, installed) = match self.sensors.read(measurement) {
+            Ok(read) => read,
+            Err(reason) => {
+                self.gate.turn_away(measurement, source, wake_ns);
+                return self.reject(reason, measurement, source);
+            }
+        };
+        let Measurement { stamp_ns, sequence, valid, .. } = measurement;
         let place = Place { stamp_ns, valid, source, sequence };
         let arrival = Arrival {
             now_ns: wake_ns,
             window_start_ns: self.window.start_ns(),
             is_repeated: self.window.holds(&place),
         };
-        match self.gate.judge(measurement, source, &arrival) {
-            Ok(accepted) => self.accept(&accepted, place),
-            Err(reason) => self.reject(reason),
+        let newest_ns = self.gate.newest_stamp_ns();
+        match self.gate.judge(&measurement, source, &arrival) {
+            Ok(accepted) => {
+                let is_late = newest_ns.is_some_and(|newest_ns| stamp_ns < newest_ns) && !accepted.new_time;
+                let lost = i64::try_from(accepted.lost).unwrap_or(i64::MAX) - i64::from(accepted.found);
+                let received = Received::Accepted { is_late, lost };
+                self.sources.note(&measurement, source, wake_ns, received);
+                self.accept(&accepted, place, installed);
+            }
+            Err(reason) => self.reject(reason, &measurement, source),
         }
     }
 
-    fn reject(&mut self, reason: Rejection) {
+    fn reject(&mut self, reason: Rejection, measurement: &Measurement, source: u128) {
+        self.sources.note(measurement, source, self.tick.wake_ns, Received::Rejected);
         self.counters.samples_rejected[reason as usize] += 1;
         self.tick.status |= status_bits::REJECTED_SAMPLE;
     }
 
-    fn accept(&mut self, accepted: &Accepted, place: Place) {
+    fn accept(&mut self, accepted: &Accepted, place: Place, installed: Installed) {
         let Accepted { mut sample, mut linear, lost, found, new_source, new_time, on_ground, .. } = *accepted;
         let Accepted { repeats, stuck, .. } = *accepted;
+        (sample.lever_arm_m, sample.sensor) = (installed.lever_arm_m, installed.sensor);
         if new_time {
             self.estimator.restart();
             self.window.begin(&mut self.estimator, None);
@@ -428,6 +450,11 @@ impl Engine {
     /// The counters that the loop sets.
     pub fn counters_mut(&mut self) -> &mut Counters {
         &mut self.counters
+    }
+
+    /// What each source has sent.
+    pub fn sources(&self) -> &SourceBook {
+        &self.sources
     }
 
     /// The samples that may have to be fused again.

@@ -384,14 +384,16 @@ impl Source {
 /// # Errors
 /// `Malformed`, `NotFinite`, `BeyondLimits` or `QuaternionNorm`.
 fn check_values(m: &Measurement, limits: &InputConfig) -> Result<(), Rejection> {
+    let frames = [(valid::VELOCITY, m.velocity_frame), (valid::FORCE, m.force_frame)];
     let has_unknown_frame =
-        m.has(valid::VELOCITY) && ![frame::INERTIAL, frame::BODY].contains(&m.velocity_frame);
+        frames.iter().any(|(bit, frame)| m.has(*bit) && ![frame::INERTIAL, frame::BODY].contains(frame));
     let has_unknown_bit =
         m.valid & !valid::ALL != 0 || m.flags & !flags::ALL != 0 || m.absent & !absent::ALL != 0;
-    // The direction of a part of a body velocity is not known.
-    let is_partial = m.has(valid::VELOCITY)
-        && m.velocity_frame == frame::BODY
-        && missing(m, absent::VELOCITY_X).contains(&true);
+    // The direction of a part of a body-fixed vector is not known.
+    let is_missing = |first: u32| missing(m, first).contains(&true);
+    let is_partial =
+        m.has(valid::VELOCITY) && m.velocity_frame == frame::BODY && is_missing(absent::VELOCITY_X)
+            || m.has(valid::SPECIFIC_FORCE) && is_missing(absent::SPECIFIC_FORCE_X);
     if m.valid & valid::ALL == 0 || has_unknown_bit || has_unknown_frame || is_partial {
         return Err(Rejection::Malformed);
     }
@@ -427,6 +429,7 @@ fn value_of(bound: Bound, limits: &InputConfig) -> f64 {
     match bound {
         Bound::Speed => limits.max_speed_m_s,
         Bound::AngularRate => limits.max_angular_rate_rad_s,
+        Bound::SpecificForce => limits.max_specific_force_m_s2,
         Bound::Position => limits.max_position_m,
         Bound::Force => limits.max_force_n,
         Bound::Torque => limits.max_torque_n_m,
@@ -455,12 +458,16 @@ pub fn sample_of(m: &Measurement, limits: &InputConfig) -> Result<Sample, Reject
         angular_velocity_rad_s: vector(valid::ANGULAR_VELOCITY, m.angular_velocity_rad_s),
         position_m: vector(valid::POSITION, m.position_m),
         attitude: m.has(valid::ATTITUDE).then(attitude),
+        specific_force_m_s2: vector(valid::SPECIFIC_FORCE, m.specific_force_m_s2),
         force_n: vector(valid::FORCE, m.force_n),
+        force_is_body: m.force_frame == frame::BODY,
         torque_n_m: vector(valid::TORQUE, m.torque_n_m),
         velocity_quality: quality(m, absent::VELOCITY_X, m.velocity_std_m_s),
         angular_velocity_quality: quality(m, absent::ANGULAR_VELOCITY_X, m.angular_velocity_std_rad_s),
         position_quality: quality(m, absent::POSITION_X, m.position_std_m),
         attitude_std_rad: m.attitude_std_rad,
+        specific_force_std_m_s2: m.specific_force_std_m_s2,
+        ..Sample::default()
     })
 }
 

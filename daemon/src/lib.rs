@@ -14,9 +14,11 @@
 //! | [`config`] | the configuration as data: the crate `daemon_config` |
 //! | [`assemble`] | makes observers of a configuration |
 //! | [`check`] | what is proven for a configuration |
+//! | [`sensors`] | a sample in body axes, as its sensor is mounted |
 //! | [`gate`] | which samples are accepted |
 //! | [`estimator`] | the observer of a configuration, of a rigid body or of a linear plant |
 //! | [`engine`] | everything that determines an estimate, without clock and ports |
+//! | [`source_book`] | what each source has sent, for people |
 //! | [`window`] | the samples of the last while, in the order of their stamps |
 //! | [`cycle`] | the tick |
 //! | [`deadline`] | waiting for the next deadline |
@@ -45,8 +47,10 @@ pub mod limits;
 mod log;
 pub mod ports;
 pub mod replay;
+pub mod sensors;
 pub mod service;
 pub mod snapshot;
+pub mod source_book;
 pub mod system;
 pub mod threads;
 pub mod window;

@@ -30,7 +30,7 @@ use std::time::SystemTime;
 
 const MAGIC: &[u8; 8] = b"obs-snap";
 /// Version of the format: of the file, and of a checkpoint's bytes in a flight record.
-pub const VERSION: u32 = 5;
+pub const VERSION: u32 = 6;
 
 /// What was learned and when, and the configuration on which its meaning depends.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]

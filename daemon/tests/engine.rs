@@ -1,7 +1,7 @@
 //! The engine, called as the loop calls it, with the test's own clock: the effect of good and bad samples on estimates and counts.
 
 use daemon::assemble;
-use daemon::config::{Config, ConfigFile, SourcePolicy};
+use daemon::config::{Config, ConfigFile, SensorConfig, SourcePolicy};
 use daemon::engine::Engine;
 use shared_types::payload::{Rejection, status_bits, valid};
 use shared_types::{Estimate, Measurement};
@@ -65,7 +65,7 @@ fn bad_samples_are_rejected_counted_and_do_no_harm() {
         (&|m| Measurement { valid: 0, ..m }, Rejection::Malformed),
         (&|m| Measurement { velocity_frame: 7, ..m }, Rejection::Malformed),
     ];
-    let mut expected = [0; 11];
+    let mut expected = [0; Rejection::ALL.len()];
     for ((change, reason), sequence) in bad.into_iter().zip(10..) {
         let sample = change(service.moving(sequence));
         let estimate = service.tick(&[(1, sample)]);
@@ -179,4 +179,72 @@ fn a_linear_plant_of_the_users_own_is_estimated() {
     assert_eq!(rejected[Rejection::NotFinite as usize], 1);
     assert_eq!(rejected[Rejection::BeyondLimits as usize], 1);
     assert_ne!(service.tick(&[]).status & status_bits::COASTING_LINEAR, 0);
+}
+
+/// One flight, told by an ideal sensor, and by one that is turned, sits off the center and stamps late, of which the configuration knows.
+#[test]
+fn a_configured_sensor_gives_the_estimates_of_an_ideal_one() {
+    const LATENCY_NS: u64 = 120_000_000;
+    let arm = nalgebra::Vector3::new(0.8, -0.3, 0.2);
+    let mounting = nalgebra::UnitQuaternion::new(nalgebra::Vector3::new(0.2, 0.1, -1.5));
+    let fly = |is_ideal: bool| {
+        let q = mounting.coords;
+        let mut service = Loop::new("rigid-body", |config| {
+            let mut sensor: SensorConfig =
+                toml::from_str("name = \"dvl\"\nnumber = 4\nlatency_s = 0.12").unwrap();
+            sensor.lever_arm_m = arm.into();
+            sensor.mounting_wxyz = [q.w, q.x, q.y, q.z];
+            config.sensor.push(sensor);
+        });
+        let mut estimate = Estimate::default();
+        for j in 0..2000_u64 {
+            let moving = service.moving(j);
+            let mut samples = vec![(1, Measurement { valid: moving.valid & !valid::VELOCITY, ..moving })];
+            // Every tenth arrives 24 ticks late.
+            if let Some(k) = j.checked_sub(24).filter(|k| k % 10 == 0) {
+                let t = k as f64 * 0.005;
+                let rate = nalgebra::Vector3::new(0.1, 0.2 * t.sin(), 0.0);
+                let velocity = nalgebra::Vector3::new(t.sin(), t.cos(), 0.5);
+                let stamp_ns = moving.stamp_ns - LATENCY_NS;
+                let sample = Measurement::at(stamp_ns, k / 10);
+                samples.push((
+                    2,
+                    match is_ideal {
+                        true => sample.with_body_velocity_m_s(velocity.into()),
+                        false => {
+                            let read = mounting.inverse() * (velocity + rate.cross(&arm));
+                            Measurement { stamp_ns: moving.stamp_ns, sensor: 4, ..sample }
+                                .with_body_velocity_m_s(read.into())
+                        }
+                    },
+                ));
+            }
+            estimate = service.tick(&samples);
+        }
+        assert_eq!(service.engine.counters().samples_rejected_total(), 0);
+        let late: Vec<_> = service.engine.sources().rows().map(|row| (row.sensor, row.late)).collect();
+        assert_eq!(late, [(0, 0), (if is_ideal { 0 } else { 4 }, 198)]);
+        estimate
+    };
+    let (ideal, installed) = (fly(true), fly(false));
+    for axis in 0..3 {
+        let difference = ideal.velocity_m_s[axis] - installed.velocity_m_s[axis];
+        // The estimated angular velocity is not exact.
+        assert!(difference.abs() < 2e-3, "axis {axis}: {difference}");
+    }
+}
+
+#[test]
+fn a_sensor_that_the_configuration_does_not_know_is_refused_by_name() {
+    let known = "name = \"imu\"\nnumber = 1";
+    let mut service = Loop::new("rigid-body", |config| config.sensor.push(toml::from_str(known).unwrap()));
+    let (first, second) = (service.moving(0), service.moving(1));
+    service.tick(&[(1, first.of_sensor(1))]);
+    service.tick(&[(1, second.of_sensor(2))]);
+    let counters = service.engine.counters();
+    assert_eq!((counters.samples_accepted, counters.rejected(Rejection::UnknownSensor)), (1, 1));
+    let sample = service.moving(2);
+    service.tick(&[(1, sample)]);
+    let counters = service.engine.counters();
+    assert_eq!((counters.samples_accepted, counters.samples_lost), (2, 0));
 }

@@ -68,6 +68,8 @@ pub enum Bound {
     Speed,
     /// `max_angular_rate_rad_s`.
     AngularRate,
+    /// `max_specific_force_m_s2`.
+    SpecificForce,
     /// `max_position_m`.
     Position,
     /// `max_force_n`.

@@ -110,6 +110,7 @@ impl Subject {
         let design = JointTranslationDesign {
             channel: channel::joint_design(centers),
             known_force_n: Vector3::zeros(),
+            gravity_m_s2: Vector3::zeros(),
         };
         let started = Instant::now();
         let channel = JointChannel::translation(&design, None, None)?;

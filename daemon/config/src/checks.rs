@@ -29,17 +29,59 @@ impl ConfigFile {
             if table(schema).is_none() {
                 self.check_bounds(name, schema, value)?;
             }
-            for (key, schema) in properties(schema) {
-                if let Some(value) = value.get(key)
-                    && (!CHANNELS.contains(&name) || key == "sample_rate_hz")
-                {
-                    self.check_bounds(&format!("{name}.{key}"), schema, value)?;
+            let tables = match value.as_array().filter(|_| table(schema).is_some()) {
+                None => vec![(name.to_owned(), value)],
+                Some(tables) => {
+                    tables.iter().enumerate().map(|(i, value)| (format!("{name}.{i}"), value)).collect()
+                }
+            };
+            for (path, value) in tables {
+                for (key, schema) in properties(schema) {
+                    if let Some(value) = value.get(key)
+                        && (!CHANNELS.contains(&name) || key == "sample_rate_hz")
+                    {
+                        self.check_bounds(&format!("{path}.{key}"), schema, value)?;
+                    }
                 }
             }
         }
+        self.check_sensors()?;
         if config.spin_us > 1e6 / config.rate_hz {
             let needed = format!("0 … {:.0}, the period of rate_hz (in µs)", 1e6 / config.rate_hz);
             return Err(self.refusal("spin_us", &config.spin_us.to_string(), &needed));
+        }
+        Ok(())
+    }
+
+    /// Each number and name once; a mounting is a rotation; a lever arm needs the angular velocity.
+    fn check_sensors(&self) -> Result<(), ConfigError> {
+        let sensors = &self.config.sensor;
+        for (i, sensor) in sensors.iter().enumerate() {
+            let refuse = |key: &str, found: String, needed: &str| {
+                Err(self.refusal(&format!("sensor.{i}.{key}"), &found, needed))
+            };
+            if sensors[..i].iter().any(|other| other.number == sensor.number) {
+                return refuse("number", sensor.number.to_string(), "a number that no other sensor has");
+            }
+            if sensor.name.is_empty() || sensors[..i].iter().any(|other| other.name == sensor.name) {
+                return refuse("name", format!("\"{}\"", sensor.name), "a name that no other sensor has");
+            }
+            let norm = sensor.mounting_wxyz.iter().map(|x| x * x).sum::<f64>().sqrt();
+            if (norm - 1.0).abs().is_nan() || (norm - 1.0).abs() > 1e-3 {
+                let needed = "a unit quaternion w, x, y, z";
+                return refuse(
+                    "mounting_wxyz",
+                    format!("{:?}, of norm {norm}", sensor.mounting_wxyz),
+                    needed,
+                );
+            }
+            if !sensor.lever_arm_m.iter().all(|x| x.abs() < 1e6) {
+                return refuse("lever_arm_m", format!("{:?}", sensor.lever_arm_m), "finite numbers");
+            }
+            if sensor.lever_arm_m != [0.0; 3] && self.config.rotation.is_none() {
+                let needed = "[rotation]: a lever arm counts only with the attitude, or zeros";
+                return refuse("lever_arm_m", format!("{:?}", sensor.lever_arm_m), needed);
+            }
         }
         Ok(())
     }

@@ -117,7 +117,7 @@ impl ConfigFile {
         let foreign = self.config.keys_of_other_laws();
         let is_foreign = |key: &str| foreign.iter().any(|other| other == key);
         for line in text.lines() {
-            let header = line.strip_prefix('[').and_then(|rest| rest.strip_suffix(']'));
+            let header = line.starts_with('[').then(|| line.trim_matches(['[', ']']));
             if header.is_none() && is_foreign(table.trim_end_matches('.'))
                 || line.split_once(" = ").is_some_and(|(key, _)| is_foreign(&format!("{table}{key}")))
             {
@@ -164,8 +164,19 @@ impl Source {
         let mut names = key.split('.').peekable();
         while let Some(name) = names.next() {
             let (at, value) = table.get_key_value(name)?;
+            // One of several tables is named by its place: `sensor.0.name`.
+            let place =
+                names.next_if(|place| place.parse::<usize>().is_ok()).and_then(|place| place.parse().ok());
+            let (start, value) = match place {
+                None => (at.span().start, value),
+                Some(place) => {
+                    let one: &toml::Spanned<toml::de::DeValue<'_>> =
+                        value.get_ref().as_array()?.get::<usize>(place)?;
+                    (one.span().start, one)
+                }
+            };
             if names.peek().is_none() {
-                return Some(at.span().start);
+                return Some(start);
             }
             table = value.get_ref().as_table()?;
         }
@@ -186,7 +197,7 @@ fn with_suggestion(message: &str) -> String {
             message.to_owned() + &hint.unwrap_or_default()
         }
         Some((missing, _)) if message.starts_with("missing field") => {
-            let tables = ["", "translation.", "rotation.", "linear."];
+            let tables = ["", "translation.", "rotation.", "linear.", "sensor."];
             let note =
                 tables.iter().find_map(|table| schema::find(&schema::SCHEMA, &format!("{table}{missing}")));
             message.to_owned()

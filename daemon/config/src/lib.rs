@@ -8,6 +8,7 @@
 //! | [`channels`] | the table of the channels' keys |
 //! | [`joint`] | what the joint law assumes of a vehicle |
 //! | [`values`] | matrices, kernels, solvers, words |
+//! | [`sensors`] | `[[sensor]]` |
 //! | [`real_time`] | `[real_time]` |
 //! | [`file`](mod@file) | a configuration with its text: reading, messages, printing |
 //! | [`checks`] | bounds and combinations of keys |
@@ -25,6 +26,7 @@ pub mod presets;
 pub mod real_time;
 pub mod reference;
 pub mod schema;
+pub mod sensors;
 pub mod service;
 pub mod values;
 
@@ -33,6 +35,7 @@ pub use file::{ConfigError, ConfigFile};
 pub use joint::{RotationJoint, TranslationJoint};
 pub use presets::PRESETS;
 pub use real_time::RealTimeConfig;
+pub use sensors::{MAX_SENSOR, OutlierWeight, SensorConfig};
 pub use service::{
     Clock, Config, DeadlineConfig, InitialConfig, InputConfig, SnapshotConfig, SourcePolicy, Trigger,
 };

@@ -14,7 +14,9 @@ pub fn markdown() -> String {
     let mut text = String::from(INTRODUCTION);
     text += &section("Without a table", "", &SCHEMA);
     for (name, schema) in properties(&SCHEMA).filter(|(_, schema)| table(schema).is_some()) {
-        text += &section(&format!("`[{name}]`"), name, schema);
+        let brackets = if schema["type"] == "array" { "[[]]" } else { "[]" };
+        let (open, close) = brackets.split_at(brackets.len() / 2);
+        text += &section(&format!("`{open}{name}{close}`"), name, schema);
     }
     // The solver's table is the same in every channel.
     for (heading, path) in [

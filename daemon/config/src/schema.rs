@@ -55,10 +55,10 @@ pub fn find<'a>(schema: &'a Value, key: &str) -> Option<&'a Value> {
     key.split('.').try_fold(schema, |schema, name| table(schema)?["properties"].get(name))
 }
 
-/// The part of a schema that is a table: a key may take something else too.
+/// The part of a schema that is a table, or of several: a key may take something else too.
 pub fn table(schema: &Value) -> Option<&Value> {
     let alternatives = schema["anyOf"].as_array().into_iter().flatten();
-    std::iter::once(schema).chain(alternatives).find(|schema| schema["properties"].is_object())
+    [schema, &schema["items"]].into_iter().chain(alternatives).find(|schema| schema["properties"].is_object())
 }
 
 /// What a key means, in a line: the first paragraph of its documentation.

@@ -2,6 +2,7 @@
 
 use crate::channels::{CommonKeys, LawKeys, LinearConfig, RotationConfig, TranslationConfig};
 use crate::real_time::RealTimeConfig;
+use crate::sensors::SensorConfig;
 use crate::values::{LawName, OutlierAction};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -87,6 +88,9 @@ pub struct Config {
     /// Which samples are accepted, and from which source.
     #[serde(default)]
     pub input: InputConfig,
+    /// Sensors with a mounting, noise or latency of their own, for the samples that carry their numbers.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub sensor: Vec<SensorConfig>,
     /// What happens when several ticks in a row end after their next deadline.
     #[serde(default)]
     pub deadline: DeadlineConfig,
@@ -202,6 +206,9 @@ pub struct InputConfig {
     /// Above what your vehicle can reach, below the range of the gyroscope.
     #[schemars(extend("exclusiveMinimum" = 0.0))]
     pub max_angular_rate_rad_s: f64,
+    /// A larger measured specific force is rejected.
+    #[schemars(extend("exclusiveMinimum" = 0.0))]
+    pub max_specific_force_m_s2: f64,
     /// A position further from the origin is rejected; such an estimate is reset.
     #[schemars(extend("exclusiveMinimum" = 0.0))]
     pub max_position_m: f64,
@@ -325,6 +332,7 @@ impl Default for InputConfig {
         Self {
             max_speed_m_s: 100.0,
             max_angular_rate_rad_s: 50.0,
+            max_specific_force_m_s2: 1e3,
             max_position_m: 1e6,
             max_force_n: 1e5,
             max_torque_n_m: 1e5,

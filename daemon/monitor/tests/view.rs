@@ -126,7 +126,7 @@ fn status(t_s: f64) -> Status {
             ticks: 732_000,
             samples_accepted: (t_s * 200.0) as u64,
             samples_lost: 12,
-            samples_rejected: [1, 0, 0, 0, 2, 0, 0, 0, 0, 0, 0],
+            samples_rejected: [1, 0, 0, 0, 2, 0, 0, 0, 0, 0, 0, 0],
             ..Counters::default()
         },
         newest_sample_age_ns: 4_000_000,

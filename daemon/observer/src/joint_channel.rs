@@ -12,6 +12,7 @@ use crate::error::{DesignError, Parameter};
 use crate::law::joint::design::JointDesign;
 use crate::law::joint::filter::JointFilter;
 use crate::law::joint::predict::{JointPrediction, LearnedAcceleration};
+use crate::law::joint::sensor::SensorUse;
 use crate::law::joint::state::JointState;
 use crate::law::joint::teaches::Teaches;
 use crate::law::joint::update::Agreement;
@@ -54,6 +55,8 @@ pub struct JointTranslationDesign {
     pub channel: JointChannelDesign,
     /// Known constant force, inertial axes (N): gravity, buoyancy.
     pub known_force_n: Vector3<f64>,
+    /// Gravity, of which an accelerometer measures nothing (m/s²).
+    pub gravity_m_s2: Vector3<f64>,
 }
 
 /// The rotation of a body with the joint law, and its attitude.
@@ -87,6 +90,10 @@ pub struct JointSample {
     pub position_std: [f64; 3],
     /// Commanded force, inertial (N), or torque, body axes (N·m): held until the next one.
     pub command: Option<Vector3<f64>>,
+    /// Specific force, inertial (m/s²), and its deviation, the same for each axis. Only of a translation.
+    pub specific_force: Option<(Vector3<f64>, f64)>,
+    /// The sensor.
+    pub sensor: SensorUse,
 }
 
 /// The filter's state at an instant.
@@ -120,6 +127,7 @@ struct PlantOfBody {
     inertia: Matrix3<f64>,
     inverse_inertia: Matrix3<f64>,
     known_force: KnownForce,
+    gravity_m_s2: Vector3<f64>,
     /// Without an output for longer than this (ns) the channel coasts.
     hold_ns: u64,
 }
@@ -204,7 +212,9 @@ impl JointChannel<()> {
         position: Option<Vector3<f64>>,
     ) -> Result<Self, DesignError> {
         let initial = InitialMotion { velocity, position, pose: () };
-        Self::new(&design.channel, KnownForce::Constant(design.known_force_n), initial)
+        let mut channel = Self::new(&design.channel, KnownForce::Constant(design.known_force_n), initial)?;
+        channel.plant.gravity_m_s2 = design.gravity_m_s2;
+        Ok(channel)
     }
 }
 
@@ -266,7 +276,13 @@ impl<K: JointPose> JointChannel<K> {
         let hold_ns = (design.hold_s * 1e9).round() as u64;
         let mut channel = Self {
             filter,
-            plant: PlantOfBody { inertia: design.inertia, inverse_inertia, known_force, hold_ns },
+            plant: PlantOfBody {
+                inertia: design.inertia,
+                inverse_inertia,
+                known_force,
+                gravity_m_s2: Vector3::zeros(),
+                hold_ns,
+            },
             ahead: at.clone(),
             at,
             history: JointHistory::new(),
@@ -295,7 +311,7 @@ impl<K: JointPose> JointChannel<K> {
     ) -> Option<Agreement> {
         let has_output = sample.output.iter().any(Option::is_some);
         let has_fix = sample.position.iter().any(Option::is_some) || take_fix.is_some();
-        if !has_output && !has_fix && sample.command.is_none() {
+        if !has_output && !has_fix && sample.command.is_none() && sample.specific_force.is_none() {
             return None;
         }
         self.move_to(stamp_ns);
@@ -323,14 +339,17 @@ impl<K: JointPose> JointChannel<K> {
         let bias = self.at.pose.output_bias();
         let output = std::array::from_fn(|axis| sample.output[axis].map(|y| y - bias[axis]));
         history.is_stuck &= sample.repeats || output.iter().all(Option::is_none);
-        let judged =
-            sample.repeats.then(|| self.filter.judge_velocity(state, &output, &output_std)).flatten();
+        let judged = sample
+            .repeats
+            .then(|| self.filter.judge_velocity(state, &output, &output_std, sample.sensor))
+            .flatten();
         let impossible = judged.filter(|judged| {
             history.is_stuck |= judged.nis > MAX_REPEATED * MAX_REPEATED;
             history.is_stuck
         });
         let output = if impossible.is_some() { [None; 3] } else { output };
-        let agreement = self.filter.update_velocity(state, &output, &output_std, since_s, teaches);
+        let how = (sample.sensor, teaches);
+        let agreement = self.filter.update_velocity(state, &output, &output_std, since_s, how);
         if let Some(agreement) = &agreement {
             let agrees = !agreement.is_stray && !self.plant.is_coasting(history, stamp_ns);
             history.see_output(stamp_ns, agreement.output_error(), agreement.nis, agrees);
@@ -339,10 +358,17 @@ impl<K: JointPose> JointChannel<K> {
         if self.filter.design().position_noise.is_some() {
             let was_coasting = self.plant.is_coasting(history, stamp_ns);
             let since_s = history.since_agreed_fix_s(stamp_ns);
-            let fix = self.filter.update_position(state, &sample.position, &position_std, since_s, teaches);
+            let fix = self.filter.update_position(state, &sample.position, &position_std, since_s, how);
             if let Some(fix) = fix {
                 history.see_fix(stamp_ns, fix.output_error(), fix.nis, !fix.is_stray && !was_coasting);
             }
+        }
+        if let Some((specific_force, deviation)) = &sample.specific_force {
+            let velocity = Vector3::from(state.velocity());
+            let (command, known) = self.plant.accelerations(&history.command, &velocity);
+            let unknown =
+                specific_force + self.plant.gravity_m_s2 - Vector3::from(known) - Vector3::from(command);
+            self.filter.update_acceleration(state, &unknown.into(), *deviation, &command, how);
         }
         agreement.or(impossible.map(|impossible| Agreement { is_stray: true, ..impossible }))
     }

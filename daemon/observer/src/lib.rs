@@ -122,6 +122,7 @@ pub use law::gradient::{GradientLaw, HeldOutput, Learning};
 pub use law::joint::design::{ExcitationDesign, JointDesign, PriorDeviations};
 pub use law::joint::filter::JointFilter;
 pub use law::joint::predict::{JointPrediction, LearnedAcceleration};
+pub use law::joint::sensor::{MAX_SENSORS, Outliers, SensorUse};
 pub use law::joint::state::JointState;
 pub use law::joint::teaches::Teaches;
 pub use law::joint::update::Agreement;
@@ -141,8 +142,8 @@ pub use report::findings::{Finding, Verdict};
 pub use report::joint_report::{ExpectedStd, JointReport};
 pub use report::lure_pair::LurePair;
 pub use rigid_body::{
-    Deviations, InitialState, Quality, RigidBodyEstimate, RigidBodyObserver, RotationLaw, Sample,
-    TranslationLaw, Velocity,
+    Deviations, InitialState, Quality, RigidBodyEstimate, RigidBodyObserver, RotationLaw,
+    SPECIFIC_FORCE_NOISE_M_S2, Sample, TranslationLaw, Velocity,
 };
 pub use space::centers::{Centers, LatticeBox};
 pub use space::factors::lanes::vector_unit;

@@ -8,6 +8,7 @@ use crate::joint_channel::{
 };
 use crate::law::channel::Channel;
 use crate::law::gradient::GradientLaw;
+use crate::law::joint::sensor::SensorUse;
 use crate::law::joint::teaches::Teaches;
 use crate::plant::attitude::Attitude;
 use crate::plant::attitude_filter::{AttitudeFilter, JointPose};
@@ -16,6 +17,8 @@ use crate::plant::position::Position;
 use crate::report::certificate::{Certificate, sup_if_needed};
 use crate::timeline::{ChannelReport, Measured, Timeline};
 use nalgebra::{UnitQuaternion, Vector3};
+
+mod inertial;
 
 /// The state before the first sample; what is `None` is taken from the first measurement of it.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
@@ -52,8 +55,12 @@ pub struct Sample {
     pub position_m: Option<Vector3<f64>>,
     /// Attitude fix, body to inertial.
     pub attitude: Option<UnitQuaternion<f64>>,
-    /// Commanded force, inertial axes (N); held until the next one.
+    /// Specific force, of an accelerometer, body axes (m/s²). The gradient law does not use it.
+    pub specific_force_m_s2: Option<Vector3<f64>>,
+    /// Commanded force (N); held until the next one.
     pub force_n: Option<Vector3<f64>>,
+    /// Whether `force_n` is along the body axes: it is turned by q̂; else inertial.
+    pub force_is_body: bool,
     /// Commanded torque, body axes (N·m); held until the next one.
     pub torque_n_m: Option<Vector3<f64>>,
     /// Of the velocity, along its own axes (m/s). The gradient law takes no part of a velocity.
@@ -64,7 +71,16 @@ pub struct Sample {
     pub position_quality: Quality,
     /// 1 σ of the attitude fix's rotation vector (rad); 0: as designed.
     pub attitude_std_rad: [f64; 3],
+    /// 1 σ of the specific force (m/s²); 0: [`SPECIFIC_FORCE_NOISE_M_S2`].
+    pub specific_force_std_m_s2: [f64; 3],
+    /// Where the sensor sits, from the center of mass, body axes (m): its velocity and position become those of the center.
+    pub lever_arm_m: Vector3<f64>,
+    /// Which sensor it is.
+    pub sensor: SensorUse,
 }
+
+/// Deviation of a specific force whose sample and sensor say none (m/s²): that of an accelerometer on a vehicle that vibrates.
+pub const SPECIFIC_FORCE_NOISE_M_S2: f64 = 0.5;
 
 /// How well the components of a reading are known.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
@@ -346,6 +362,7 @@ impl RigidBodyObserver {
                     output_std: sample.angular_velocity_quality.std,
                     repeats: sample.angular_velocity_quality.repeats,
                     command: sample.torque_n_m,
+                    sensor: sample.sensor,
                     ..JointSample::default()
                 };
                 let std_rad = or_designed(&sample.attitude_std_rad, &[self.attitude_noise_rad; 3]);
@@ -360,45 +377,46 @@ impl RigidBodyObserver {
 
     fn accept_translation(&mut self, sample: &Sample, Learn { frozen, teaches }: Learn) -> bool {
         let teaches = teaches[ChannelName::Translation as usize];
-        // Without an attitude the direction of a body-fixed velocity is unknown: it is not used.
-        let turned = match sample.velocity {
-            Some(Velocity::Body(velocity)) => self
-                .known_attitude_at(sample.stamp_ns)
-                .map(|(attitude, std_rad)| (attitude * velocity, velocity.norm() * std_rad)),
-            _ => None,
-        };
-        let velocity = match sample.velocity {
-            Some(Velocity::Inertial(velocity)) => Some(velocity),
-            _ => turned.map(|(velocity, _)| velocity),
-        };
+        let inertial = self.inertial(sample);
         match &mut self.translation {
             None => false,
             Some(LawChannel::Gradient(translation)) => {
-                let output = sample.velocity_quality.whole(velocity);
+                let output = sample.velocity_quality.whole(inertial.velocity);
                 let measured = output.map(|output| Measured { output, teaches });
-                let position = sample.position_quality.whole(sample.position_m);
+                let position = sample.position_quality.whole(inertial.position);
                 let until_ns = sample.stamp_ns.saturating_add(self.position_fix_hold_ns);
-                translation.accept(sample.stamp_ns, measured, sample.force_n, frozen, |state| {
+                translation.accept(sample.stamp_ns, measured, inertial.force, frozen, |state| {
                     if let Some(fix) = &position {
                         state.pose.take_fix(fix, until_ns);
                     }
                 })
             }
             Some(LawChannel::Joint(translation)) => {
-                // Body axes couple the inertial ones, which separate covariances cannot hold: the largest deviation, and
-                // that of the direction, on all axes.
-                let std = or_designed(&sample.velocity_quality.std, &translation.filter().design().noise);
-                let output_std = turned.map_or(std, |(_, from_tilt)| {
-                    let largest = std.into_iter().fold(0.0, f64::max);
-                    [largest.hypot(from_tilt); 3]
-                });
+                let design = translation.filter().design();
+                let output_std = or_designed(&sample.velocity_quality.std, &design.noise);
+                let position_std = sample.position_quality.std;
                 let joint = JointSample {
-                    output: sample.velocity_quality.components(velocity),
-                    output_std,
+                    output: sample.velocity_quality.components(inertial.velocity),
+                    output_std: match sample.velocity {
+                        // Body axes couple the inertial ones, which separate covariances cannot hold: the largest deviation.
+                        Some(Velocity::Body(_)) => {
+                            [output_std.into_iter().fold(0.0, f64::max).hypot(inertial.velocity_std); 3]
+                        }
+                        _ if inertial.velocity_std > 0.0 => {
+                            output_std.map(|std| std.hypot(inertial.velocity_std))
+                        }
+                        _ => output_std,
+                    },
                     repeats: sample.velocity_quality.repeats,
-                    position: sample.position_quality.components(sample.position_m),
-                    position_std: sample.position_quality.std,
-                    command: sample.force_n,
+                    position: sample.position_quality.components(inertial.position),
+                    position_std: match design.position_noise {
+                        Some(noise) if inertial.position_std > 0.0 => or_designed(&position_std, &[noise; 3])
+                            .map(|std| std.hypot(inertial.position_std)),
+                        _ => position_std,
+                    },
+                    command: inertial.force,
+                    specific_force: inertial.specific_force,
+                    sensor: sample.sensor,
                 };
                 let agreement = translation.accept(
                     sample.stamp_ns,
@@ -476,22 +494,6 @@ impl RigidBodyObserver {
             }
         }
         estimate
-    }
-
-    /// The attitude at `stamp_ns`, and its largest deviation (rad), 0 where the law has none; `None` where it was never told.
-    fn known_attitude_at(&mut self, stamp_ns: u64) -> Option<(UnitQuaternion<f64>, f64)> {
-        match &mut self.rotation {
-            Some(LawChannel::Gradient(rotation)) => {
-                let pose = rotation.predict(stamp_ns).moment.state.pose;
-                pose.is_known().then_some((pose.attitude, 0.0))
-            }
-            Some(LawChannel::Joint(rotation)) => {
-                let pose = rotation.estimate(stamp_ns).pose;
-                let largest = pose.std_rad().into_iter().fold(0.0, f64::max);
-                pose.is_known().then_some((pose.attitude, largest))
-            }
-            None => self.fixed_attitude.map(|attitude| (attitude, 0.0)),
-        }
     }
 
     /// Forgets everything; starts again from the next sample.

@@ -98,6 +98,7 @@ fn status_document(status: &Status) -> serde_json::Result<serde_json::Value> {
     document["samples_rejected"] = serde_json::Value::Object(reasons.into_iter().collect());
     let refused = refused_bits(status)
         .map(|bit| serde_json::json!({ "setting": real_time::words(bit).join(" "), "remedy": settings::remedy(bit) }));
+    document["sources"] = serde_json::to_value(status.sources().collect::<Vec<_>>())?;
     document["real_time"] = serde_json::json!({
         "granted": real_time::words(status.real_time_granted),
         "refused": refused.collect::<Vec<_>>(),
@@ -153,6 +154,26 @@ fn print_status(status: &Status) {
         fact(&name, text);
     }
     outln!("{facts}\n");
+
+    let mut sources = Table::new();
+    sources.load_style(NOTHING);
+    let header =
+        ["source", "sensor", "Hz", "age s", "delay ms", "max ms", "used", "late", "lost", "rejected"];
+    sources.set_header(header);
+    for source in status.sources() {
+        let process = if source.pid == 0 { "gone".into() } else { format!("process {}", source.pid) };
+        let sensor = if source.sensor == 0 { "–".into() } else { source.sensor.to_string() };
+        let rate = match source.period_ns {
+            0 => "–".into(),
+            period_ns => format!("{:.1}", 1e9 / period_ns as f64),
+        };
+        let ms = |ns: u64| format!("{:.1}", ns as f64 / 1e6);
+        let counts = [source.accepted, source.late, source.lost, source.rejected].map(|n| n.to_string());
+        let age = format!("{:.3}", seconds(source.age_ns));
+        let row = [process, sensor, rate, age, ms(source.delay_ns), ms(source.max_delay_ns)];
+        sources.add_row(row.into_iter().chain(counts));
+    }
+    outln!("{sources}\n");
 
     let mut latencies = Table::new();
     latencies.load_style(NOTHING);

@@ -1,6 +1,6 @@
 //! The housekeeping thread: collects the loop's records, publishes the status, answers commands and writes the log.
 
-use crate::config::Config;
+use crate::config::{Config, MAX_SENSOR, SensorConfig};
 use crate::cycle::TickRecord;
 use crate::engine::LoopCommand;
 use crate::latency::Latency;
@@ -11,7 +11,8 @@ use crate::system::settings::Outcome;
 use crate::threads::recorder::RecorderProgress;
 use crate::threads::snapshot_writer::SaverHandle;
 use shared_types::clock::monotonic_ns;
-use shared_types::payload::{Counters, Rejection, Reply, Status, command, outcome};
+use shared_types::payload::{Counters, Rejection, Reply, SourceStatus, Status, command, outcome};
+use shared_types::service::MAX_SOURCES;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, OnceLock, mpsc};
 use std::time::{Duration, Instant};
@@ -24,6 +25,8 @@ const LOOP_PATIENCE: Duration = Duration::from_secs(2);
 const SAVE_PATIENCE: Duration = Duration::from_secs(120);
 /// Rare samples are logged after this many statuses in a row with them.
 const STATUSES_BEFORE_RARE_SAMPLES_ARE_LOGGED: u32 = 10;
+/// A sensor is silent after this many of its expected periods.
+const PERIODS_OF_SILENCE: f64 = 3.0;
 /// The channels by their measured quantity, as the counters of three are ordered.
 const QUANTITIES: [&str; 3] = ["velocity", "angular velocity", "output"];
 
@@ -51,6 +54,7 @@ pub struct Housekeeping {
     start_ns: u64,
     rate_millihertz: u64,
     dead_zone_width: [f64; 3],
+    sensors: Vec<SensorConfig>,
     restored: u64,
     most_late_ticks_in_a_row: u64,
     statuses: u64,
@@ -67,6 +71,8 @@ struct Logged {
     other_source: Option<u128>,
     waiting: bool,
     statuses_with_rare_samples: u32,
+    /// Which sensors were silent.
+    silent: [bool; MAX_SENSOR as usize + 1],
 }
 
 impl Housekeeping {
@@ -84,6 +90,7 @@ impl Housekeeping {
             start_ns: monotonic_ns(),
             rate_millihertz: (config.rate_hz * 1e3).round() as u64,
             dead_zone_width: config.dead_zone_width(),
+            sensors: config.sensor.clone(),
             restored,
             most_late_ticks_in_a_row: 0,
             statuses: 0,
@@ -150,6 +157,7 @@ impl Housekeeping {
             counters: self.newest.map_or_else(Counters::default, |record| record.counters),
             newest_sample_age_ns: u64::MAX,
             output_age_ns: [u64::MAX; 3],
+            source_ages_ns: [u64::MAX; MAX_SOURCES],
             wake_up_lateness_ns: self.wake_up_lateness.summary(),
             step_ns: self.step.summary(),
             input_age_ns: self.input_age.summary(),
@@ -184,6 +192,21 @@ impl Housekeeping {
             .map(|age_ns| age_ns.map_or(u64::MAX, |age_ns| age_ns.saturating_add(since_tick_ns)));
         status.nis = record.nis;
         let pid = |source: Option<u128>| source.and_then(|source| self.ports.source_pid(source)).unwrap_or(0);
+        for (k, row) in record.sources.rows().enumerate() {
+            let source = SourceStatus {
+                pid: pid(Some(row.source)),
+                sensor: row.sensor.into(),
+                age_ns: status.stamp_ns.saturating_sub(row.arrival_ns),
+                period_ns: row.period_ns as u64,
+                delay_ns: row.delay_ns as u64,
+                max_delay_ns: row.max_delay_ns,
+                accepted: row.accepted,
+                late: row.late,
+                lost: row.lost,
+                rejected: row.rejected,
+            };
+            status.set_source(k, &source);
+        }
         status.source_pid = pid(record.source);
         status.other_source_pid = pid(record.other_source);
         status.adaptation_frozen = u64::from(record.frozen);
@@ -320,6 +343,27 @@ impl Housekeeping {
             say!("warning: the state left its limits and fell back ({} times)", now.state_resets);
         }
         self.log_rare_samples(&before, &now);
+        self.log_silent_sensors();
+    }
+
+    /// Logs a sensor that is silent for three of its expected periods, and its return.
+    fn log_silent_sensors(&mut self) {
+        let Some(record) = &self.newest else { return };
+        let now_ns = monotonic_ns();
+        for SensorConfig { name, number, rate_hz, .. } in self.sensors.iter().filter(|s| s.rate_hz > 0.0) {
+            let rows = record.sources.rows().filter(|row| row.sensor == *number);
+            let since_ns = rows.map(|row| row.arrival_ns).max().unwrap_or(self.start_ns);
+            let silence_s = now_ns.saturating_sub(since_ns) as f64 / 1e9;
+            let is_silent = silence_s * rate_hz > PERIODS_OF_SILENCE;
+            let before = std::mem::replace(&mut self.logged.silent[*number as usize], is_silent);
+            if is_silent && !before {
+                say!(
+                    "sensor {name} (number {number}) is silent for {silence_s:.1} s; expected: {rate_hz} Hz"
+                );
+            } else if before && !is_silent {
+                say!("sensor {name} (number {number}) sends again");
+            }
+        }
     }
 
     /// Logs that samples arrive while many ticks coast: the source is slower than configured.

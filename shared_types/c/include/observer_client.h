@@ -26,7 +26,7 @@
 #include <stdint.h>
 
 /** Tells the payloads of one version from those of another: for observer_open(). */
-#define OBSERVER_LAYOUT UINT32_C(0x20e7f050)
+#define OBSERVER_LAYOUT UINT32_C(0xa106399a)
 
 /** Enough for the text of any reply, with its end. */
 #define OBSERVER_REPLY_TEXT_BYTES 249
@@ -34,18 +34,20 @@
 /* Bits of observer_measurement.valid: which fields carry a measurement. */
 #define OBSERVER_VALID_VELOCITY UINT32_C(0x1) /**< `velocity_m_s`. */
 #define OBSERVER_VALID_ANGULAR_VELOCITY UINT32_C(0x2) /**< `angular_velocity_rad_s`. */
+#define OBSERVER_VALID_SPECIFIC_FORCE UINT32_C(0x100) /**< `specific_force_m_s2`. */
 #define OBSERVER_VALID_POSITION UINT32_C(0x4) /**< `position_m`. */
 #define OBSERVER_VALID_ATTITUDE UINT32_C(0x8) /**< `attitude_wxyz`. */
 #define OBSERVER_VALID_FORCE UINT32_C(0x10) /**< `force_n`. */
 #define OBSERVER_VALID_TORQUE UINT32_C(0x20) /**< `torque_n_m`. */
 #define OBSERVER_VALID_OUTPUT UINT32_C(0x40) /**< `output`. */
 #define OBSERVER_VALID_INPUT UINT32_C(0x80) /**< `input`. */
-#define OBSERVER_VALID_RIGID_BODY UINT32_C(0x3f) /**< Every field of a rigid body. */
-#define OBSERVER_VALID_ALL UINT32_C(0xff) /**< Every bit that has a meaning. */
+#define OBSERVER_VALID_RIGID_BODY UINT32_C(0x13f) /**< Every field of a rigid body. */
+#define OBSERVER_VALID_ALL UINT32_C(0x1ff) /**< Every bit that has a meaning. */
 
-/* Values of observer_measurement.velocity_frame. */
+/* Values of observer_measurement.velocity_frame and observer_measurement.force_frame. */
 #define OBSERVER_FRAME_INERTIAL UINT32_C(0x0) /**< Components along the inertial axes. */
-#define OBSERVER_FRAME_BODY UINT32_C(0x1) /**< Components along the body axes (a Doppler log). */
+/** Components along the body axes (a Doppler log; the thrust of a multicopter). */
+#define OBSERVER_FRAME_BODY UINT32_C(0x1)
 
 /* Bits of observer_measurement.flags. A sample with any other bit is malformed, as with any other bit of `valid`. */
 /** The vehicle stands on the ground, by its own landed detector. Nothing is learned while the newest sample
@@ -53,7 +55,7 @@
 #define OBSERVER_FLAGS_ON_GROUND UINT32_C(0x1)
 #define OBSERVER_FLAGS_ALL UINT32_C(0x1) /**< Every bit that has a meaning. */
 
-/* Bits of observer_measurement.absent: components of a valid field that were not measured, as of a depth or of a Doppler log that has two axes. The joint law takes the others; a velocity in body axes must have all of them. */
+/* Bits of observer_measurement.absent: components of a valid field that were not measured, as of a depth or of a Doppler log that has two axes. The joint law takes the others; a velocity in body axes and a specific force must have all of them. */
 #define OBSERVER_ABSENT_VELOCITY_X UINT32_C(0x1) /**< x of the velocity. */
 #define OBSERVER_ABSENT_VELOCITY_Y UINT32_C(0x2) /**< y of the velocity. */
 #define OBSERVER_ABSENT_VELOCITY_Z UINT32_C(0x4) /**< z of the velocity. */
@@ -63,7 +65,10 @@
 #define OBSERVER_ABSENT_POSITION_X UINT32_C(0x40) /**< x of the position. */
 #define OBSERVER_ABSENT_POSITION_Y UINT32_C(0x80) /**< y of the position. */
 #define OBSERVER_ABSENT_POSITION_Z UINT32_C(0x100) /**< z of the position. */
-#define OBSERVER_ABSENT_ALL UINT32_C(0x1ff) /**< Every bit that has a meaning. */
+#define OBSERVER_ABSENT_SPECIFIC_FORCE_X UINT32_C(0x200) /**< x of the specific force. */
+#define OBSERVER_ABSENT_SPECIFIC_FORCE_Y UINT32_C(0x400) /**< y of the specific force. */
+#define OBSERVER_ABSENT_SPECIFIC_FORCE_Z UINT32_C(0x800) /**< z of the specific force. */
+#define OBSERVER_ABSENT_ALL UINT32_C(0xfff) /**< Every bit that has a meaning. */
 
 /* Bits of observer_estimate.status. */
 /** Every configured channel follows measurements that it holds now, and none is reacquiring. */
@@ -167,9 +172,11 @@ typedef enum {
   OBSERVER_REJECTION_FAR_FUTURE, /**< The stamp lies too far ahead of the clock. */
   OBSERVER_REJECTION_SEQUENCE_BACKWARDS, /**< The sequence went backwards although the source is the same. */
   OBSERVER_REJECTION_OTHER_SOURCE, /**< Another source holds the stream, or there are too many. */
-  /** No valid field, an unknown bit of `valid`, `flags` or `absent`, a body velocity without one of its
-   * components, or an unknown frame. */
+  /** No valid field, an unknown bit of `valid`, `flags` or `absent`, a body velocity or a specific force
+   * without one of its components, or an unknown frame. */
   OBSERVER_REJECTION_MALFORMED,
+  /** The configuration has `[[sensor]]` tables, and none with the sample's number. */
+  OBSERVER_REJECTION_UNKNOWN_SENSOR,
   OBSERVER_REJECTION_OVERLOAD, /**< The loop was late for too long to use it. */
 } observer_rejection;
 
@@ -181,12 +188,20 @@ typedef struct {
   uint32_t velocity_frame; /**< Frame of `velocity_m_s`: OBSERVER_FRAME_INERTIAL or OBSERVER_FRAME_BODY. */
   uint32_t flags; /**< What the vehicle says of itself: bits of OBSERVER_FLAGS_…. */
   uint32_t absent; /**< Which components of the fields below were not measured: bits of OBSERVER_ABSENT_…. */
-  /** Velocity of the center of mass, in the frame that `velocity_frame` names (m/s). */
+  /** Number of the `[[sensor]]` of the configuration that it comes from: mounting, lever arm, noise, latency.
+   * 0: of none. */
+  uint32_t sensor;
+  uint32_t force_frame; /**< Frame of `force_n`: OBSERVER_FRAME_INERTIAL or OBSERVER_FRAME_BODY. */
+  /** Velocity of the center of mass, or of the sensor where its configuration has a lever arm, in the frame
+   * that `velocity_frame` names (m/s). */
   double velocity_m_s[3];
   double angular_velocity_rad_s[3]; /**< Angular velocity, body axes (rad/s). */
+  /** Specific force, of an accelerometer: acceleration without gravity's, body axes (m/s²). */
+  double specific_force_m_s2[3];
   double position_m[3]; /**< Position fix, inertial (m). */
   double attitude_wxyz[4]; /**< Attitude fix, unit quaternion w, x, y, z, body to inertial. */
-  /** Commanded force, inertial axes (N), held until the next one; zero before the first. */
+  /** Commanded force, in the frame that `force_frame` names (N), held until the next one; zero before the
+   * first. */
   double force_n[3];
   /** Commanded torque, body axes (N·m), held until the next one; zero before the first. */
   double torque_n_m[3];
@@ -196,6 +211,7 @@ typedef struct {
   double input[6];
   double velocity_std_m_s[3]; /**< 1 σ of `velocity_m_s`, along its axes (m/s); 0: as configured. */
   double angular_velocity_std_rad_s[3]; /**< 1 σ of `angular_velocity_rad_s` (rad/s); 0: as configured. */
+  double specific_force_std_m_s2[3]; /**< 1 σ of `specific_force_m_s2` (m/s²); 0: as configured. */
   double position_std_m[3]; /**< 1 σ of `position_m` (m); 0: as configured. */
   /** 1 σ of the rotation vector of `attitude_wxyz`'s error, body axes (rad); 0: as configured. */
   double attitude_std_rad[3];
@@ -271,7 +287,7 @@ typedef struct {
   uint64_t deadline_misses;
   uint64_t samples_accepted; /**< Samples used. */
   uint64_t samples_lost; /**< Gaps in the source's sequence: samples that never arrived. */
-  uint64_t samples_rejected[11]; /**< Samples rejected, by observer_rejection. */
+  uint64_t samples_rejected[12]; /**< Samples rejected, by observer_rejection. */
   /** Outputs that were outliers against the running scale of their errors, and were held back from adaptation
    * or from correction too: of translation, rotation, linear plant. */
   uint64_t outputs_held_back[3];
@@ -309,6 +325,19 @@ typedef struct {
   double nis[3];
   uint64_t source_pid; /**< Process id of the source in use; 0 if none or unknown. */
   uint64_t other_source_pid; /**< Process id of another source that publishes too; 0 if none. */
+  /** Of each source that has sent, in the order of appearance: process id; 0 where there is no source, or none
+   * any more. */
+  uint64_t source_pids[16];
+  uint64_t source_sensors[16]; /**< Number of its `[[sensor]]`; 0: none. */
+  /** Age of its newest sample since it arrived (ns); the largest number where there is no source. */
+  uint64_t source_ages_ns[16];
+  uint64_t source_periods_ns[16]; /**< The usual time between two of its samples (ns); 0 before the second. */
+  uint64_t source_delays_ns[16]; /**< Median of the delays of its samples, from stamp to arrival (ns). */
+  uint64_t source_max_delays_ns[16]; /**< The largest delay (ns). */
+  uint64_t source_accepted[16]; /**< Its samples that were used. */
+  uint64_t source_late[16]; /**< Of these, those that came after a newer one of any source. */
+  uint64_t source_lost[16]; /**< Gaps in its sequence. */
+  uint64_t source_rejected[16]; /**< Its samples that were rejected. */
   uint64_t adaptation_frozen; /**< 1 while adaptation is frozen by an operator. */
   uint64_t late_ticks_in_a_row; /**< Ticks in a row that ended after their next deadline, now. */
   uint64_t most_late_ticks_in_a_row; /**< The most so far. */
@@ -471,18 +500,21 @@ const char *observer_error_text(void);
 #endif  // __cplusplus
 
 /* The payloads as the library was compiled. */
-static_assert(sizeof(observer_measurement) == 376 && offsetof(observer_measurement, sequence) == 0
+static_assert(sizeof(observer_measurement) == 432 && offsetof(observer_measurement, sequence) == 0
     && offsetof(observer_measurement, stamp_ns) == 8 && offsetof(observer_measurement, valid) == 16
     && offsetof(observer_measurement, velocity_frame) == 20 && offsetof(observer_measurement, flags) == 24
-    && offsetof(observer_measurement, absent) == 28 && offsetof(observer_measurement, velocity_m_s) == 32
-    && offsetof(observer_measurement, angular_velocity_rad_s) == 56
-    && offsetof(observer_measurement, position_m) == 80
-    && offsetof(observer_measurement, attitude_wxyz) == 104 && offsetof(observer_measurement, force_n) == 136
-    && offsetof(observer_measurement, torque_n_m) == 160 && offsetof(observer_measurement, output) == 184
-    && offsetof(observer_measurement, input) == 232 && offsetof(observer_measurement, velocity_std_m_s) == 280
-    && offsetof(observer_measurement, angular_velocity_std_rad_s) == 304
-    && offsetof(observer_measurement, position_std_m) == 328
-    && offsetof(observer_measurement, attitude_std_rad) == 352,
+    && offsetof(observer_measurement, absent) == 28 && offsetof(observer_measurement, sensor) == 32
+    && offsetof(observer_measurement, force_frame) == 36 && offsetof(observer_measurement, velocity_m_s) == 40
+    && offsetof(observer_measurement, angular_velocity_rad_s) == 64
+    && offsetof(observer_measurement, specific_force_m_s2) == 88
+    && offsetof(observer_measurement, position_m) == 112
+    && offsetof(observer_measurement, attitude_wxyz) == 136 && offsetof(observer_measurement, force_n) == 168
+    && offsetof(observer_measurement, torque_n_m) == 192 && offsetof(observer_measurement, output) == 216
+    && offsetof(observer_measurement, input) == 264 && offsetof(observer_measurement, velocity_std_m_s) == 312
+    && offsetof(observer_measurement, angular_velocity_std_rad_s) == 336
+    && offsetof(observer_measurement, specific_force_std_m_s2) == 360
+    && offsetof(observer_measurement, position_std_m) == 384
+    && offsetof(observer_measurement, attitude_std_rad) == 408,
     "layout of observer_measurement");
 static_assert(sizeof(observer_channel) == 64 && offsetof(observer_channel, output_error) == 0
     && offsetof(observer_channel, activation) == 8 && offsetof(observer_channel, power_function) == 16
@@ -514,39 +546,47 @@ static_assert(sizeof(observer_latency_summary) == 48 && offsetof(observer_latenc
     && offsetof(observer_latency_summary, p99) == 24 && offsetof(observer_latency_summary, p999) == 32
     && offsetof(observer_latency_summary, max) == 40,
     "layout of observer_latency_summary");
-static_assert(sizeof(observer_counters) == 240 && offsetof(observer_counters, ticks) == 0
+static_assert(sizeof(observer_counters) == 248 && offsetof(observer_counters, ticks) == 0
     && offsetof(observer_counters, deadline_misses) == 8
     && offsetof(observer_counters, samples_accepted) == 16 && offsetof(observer_counters, samples_lost) == 24
     && offsetof(observer_counters, samples_rejected) == 32
-    && offsetof(observer_counters, outputs_held_back) == 120
-    && offsetof(observer_counters, outputs_stuck) == 144 && offsetof(observer_counters, ticks_coasting) == 168
-    && offsetof(observer_counters, ticks_clamped) == 176
-    && offsetof(observer_counters, ticks_predict_only) == 184
-    && offsetof(observer_counters, ticks_invalid) == 192 && offsetof(observer_counters, state_resets) == 200
-    && offsetof(observer_counters, source_changes) == 208 && offsetof(observer_counters, commands) == 216
-    && offsetof(observer_counters, records_dropped) == 224
-    && offsetof(observer_counters, ticks_not_recorded) == 232,
+    && offsetof(observer_counters, outputs_held_back) == 128
+    && offsetof(observer_counters, outputs_stuck) == 152 && offsetof(observer_counters, ticks_coasting) == 176
+    && offsetof(observer_counters, ticks_clamped) == 184
+    && offsetof(observer_counters, ticks_predict_only) == 192
+    && offsetof(observer_counters, ticks_invalid) == 200 && offsetof(observer_counters, state_resets) == 208
+    && offsetof(observer_counters, source_changes) == 216 && offsetof(observer_counters, commands) == 224
+    && offsetof(observer_counters, records_dropped) == 232
+    && offsetof(observer_counters, ticks_not_recorded) == 240,
     "layout of observer_counters");
-static_assert(sizeof(observer_status) == 648 && offsetof(observer_status, sequence) == 0
+static_assert(sizeof(observer_status) == 1936 && offsetof(observer_status, sequence) == 0
     && offsetof(observer_status, stamp_ns) == 8 && offsetof(observer_status, start_stamp_ns) == 16
     && offsetof(observer_status, rate_millihertz) == 24 && offsetof(observer_status, dead_zone_width) == 32
-    && offsetof(observer_status, counters) == 56 && offsetof(observer_status, newest_sequence) == 296
-    && offsetof(observer_status, newest_sample_age_ns) == 304
-    && offsetof(observer_status, output_age_ns) == 312 && offsetof(observer_status, nis) == 336
-    && offsetof(observer_status, source_pid) == 360 && offsetof(observer_status, other_source_pid) == 368
-    && offsetof(observer_status, adaptation_frozen) == 376
-    && offsetof(observer_status, late_ticks_in_a_row) == 384
-    && offsetof(observer_status, most_late_ticks_in_a_row) == 392
-    && offsetof(observer_status, real_time_requested) == 400
-    && offsetof(observer_status, real_time_granted) == 408
-    && offsetof(observer_status, snapshot_restored) == 416
-    && offsetof(observer_status, snapshots_saved) == 424 && offsetof(observer_status, snapshots_failed) == 432
-    && offsetof(observer_status, snapshot_stamp_ns) == 440 && offsetof(observer_status, ticks_recorded) == 448
-    && offsetof(observer_status, wake_up_lateness_ns) == 456 && offsetof(observer_status, step_ns) == 504
-    && offsetof(observer_status, input_age_ns) == 552
-    && offsetof(observer_status, source_to_publish_ns) == 600,
+    && offsetof(observer_status, counters) == 56 && offsetof(observer_status, newest_sequence) == 304
+    && offsetof(observer_status, newest_sample_age_ns) == 312
+    && offsetof(observer_status, output_age_ns) == 320 && offsetof(observer_status, nis) == 344
+    && offsetof(observer_status, source_pid) == 368 && offsetof(observer_status, other_source_pid) == 376
+    && offsetof(observer_status, source_pids) == 384 && offsetof(observer_status, source_sensors) == 512
+    && offsetof(observer_status, source_ages_ns) == 640 && offsetof(observer_status, source_periods_ns) == 768
+    && offsetof(observer_status, source_delays_ns) == 896
+    && offsetof(observer_status, source_max_delays_ns) == 1024
+    && offsetof(observer_status, source_accepted) == 1152 && offsetof(observer_status, source_late) == 1280
+    && offsetof(observer_status, source_lost) == 1408 && offsetof(observer_status, source_rejected) == 1536
+    && offsetof(observer_status, adaptation_frozen) == 1664
+    && offsetof(observer_status, late_ticks_in_a_row) == 1672
+    && offsetof(observer_status, most_late_ticks_in_a_row) == 1680
+    && offsetof(observer_status, real_time_requested) == 1688
+    && offsetof(observer_status, real_time_granted) == 1696
+    && offsetof(observer_status, snapshot_restored) == 1704
+    && offsetof(observer_status, snapshots_saved) == 1712
+    && offsetof(observer_status, snapshots_failed) == 1720
+    && offsetof(observer_status, snapshot_stamp_ns) == 1728
+    && offsetof(observer_status, ticks_recorded) == 1736
+    && offsetof(observer_status, wake_up_lateness_ns) == 1744 && offsetof(observer_status, step_ns) == 1792
+    && offsetof(observer_status, input_age_ns) == 1840
+    && offsetof(observer_status, source_to_publish_ns) == 1888,
     "layout of observer_status");
-static_assert(sizeof(observer_reply) == 904 && offsetof(observer_reply, outcome) == 0
+static_assert(sizeof(observer_reply) == 2192 && offsetof(observer_reply, outcome) == 0
     && offsetof(observer_reply, message_bytes) == 4 && offsetof(observer_reply, message) == 8
     && offsetof(observer_reply, status) == 256,
     "layout of observer_reply");

@@ -17,7 +17,8 @@ f64x12 = Annotated[ctypes.Array, array(ctypes.c_double, 12)]
 f64x3 = Annotated[ctypes.Array, array(ctypes.c_double, 3)]
 f64x4 = Annotated[ctypes.Array, array(ctypes.c_double, 4)]
 f64x6 = Annotated[ctypes.Array, array(ctypes.c_double, 6)]
-u64x11 = Annotated[ctypes.Array, array(ctypes.c_uint64, 11)]
+u64x12 = Annotated[ctypes.Array, array(ctypes.c_uint64, 12)]
+u64x16 = Annotated[ctypes.Array, array(ctypes.c_uint64, 16)]
 u64x3 = Annotated[ctypes.Array, array(ctypes.c_uint64, 3)]
 u8x248 = Annotated[ctypes.Array, array(ctypes.c_uint8, 248)]
 
@@ -27,21 +28,22 @@ class valid:
 
     VELOCITY = 0x1  # `velocity_m_s`.
     ANGULAR_VELOCITY = 0x2  # `angular_velocity_rad_s`.
+    SPECIFIC_FORCE = 0x100  # `specific_force_m_s2`.
     POSITION = 0x4  # `position_m`.
     ATTITUDE = 0x8  # `attitude_wxyz`.
     FORCE = 0x10  # `force_n`.
     TORQUE = 0x20  # `torque_n_m`.
     OUTPUT = 0x40  # `output`.
     INPUT = 0x80  # `input`.
-    RIGID_BODY = 0x3f  # Every field of a rigid body.
-    ALL = 0xff  # Every bit that has a meaning.
+    RIGID_BODY = 0x13f  # Every field of a rigid body.
+    ALL = 0x1ff  # Every bit that has a meaning.
 
 
 class frame:
-    """Values of `Measurement.velocity_frame`."""
+    """Values of `Measurement.velocity_frame` and `Measurement.force_frame`."""
 
     INERTIAL = 0x0  # Components along the inertial axes.
-    BODY = 0x1  # Components along the body axes (a Doppler log).
+    BODY = 0x1  # Components along the body axes (a Doppler log; the thrust of a multicopter).
 
 
 class flags:
@@ -54,7 +56,7 @@ class flags:
 
 
 class absent:
-    """Bits of `Measurement.absent`: components of a valid field that were not measured, as of a depth or of a Doppler log that has two axes. The joint law takes the others; a velocity in body axes must have all of them."""
+    """Bits of `Measurement.absent`: components of a valid field that were not measured, as of a depth or of a Doppler log that has two axes. The joint law takes the others; a velocity in body axes and a specific force must have all of them."""
 
     VELOCITY_X = 0x1  # x of the velocity.
     VELOCITY_Y = 0x2  # y of the velocity.
@@ -65,7 +67,10 @@ class absent:
     POSITION_X = 0x40  # x of the position.
     POSITION_Y = 0x80  # y of the position.
     POSITION_Z = 0x100  # z of the position.
-    ALL = 0x1ff  # Every bit that has a meaning.
+    SPECIFIC_FORCE_X = 0x200  # x of the specific force.
+    SPECIFIC_FORCE_Y = 0x400  # y of the specific force.
+    SPECIFIC_FORCE_Z = 0x800  # z of the specific force.
+    ALL = 0xfff  # Every bit that has a meaning.
 
 
 class status_bits:
@@ -193,16 +198,18 @@ REJECTION_WORDS = (
     "sequence went backwards",
     "another source holds the stream",
     "malformed",
+    "unknown sensor",
     "the loop was late",
 )
 
 #: What a sample may carry: name, bit of `valid`, what it is.
 READINGS = {
-    "velocity_m_s": (0x1, "Velocity of the center of mass, in the frame that `velocity_frame` names (m/s)."),
+    "velocity_m_s": (0x1, "Velocity of the center of mass, or of the sensor where its configuration has a lever arm, in the frame that `velocity_frame` names (m/s)."),
     "angular_velocity_rad_s": (0x2, "Angular velocity, body axes (rad/s)."),
+    "specific_force_m_s2": (0x100, "Specific force, of an accelerometer: acceleration without gravity's, body axes (m/s²)."),
     "position_m": (0x4, "Position fix, inertial (m)."),
     "attitude_wxyz": (0x8, "Attitude fix, unit quaternion w, x, y, z, body to inertial."),
-    "force_n": (0x10, "Commanded force, inertial axes (N), held until the next one; zero before the first."),
+    "force_n": (0x10, "Commanded force, in the frame that `force_frame` names (N), held until the next one; zero before the first."),
     "torque_n_m": (0x20, "Commanded torque, body axes (N·m), held until the next one; zero before the first."),
     "output": (0x40, "y of a general linear plant, its first m entries, in the units of its configuration."),
     "input": (0x80, "u of a general linear plant, its first m entries, held until the next one; zero before the first."),
@@ -213,7 +220,7 @@ READINGS = {
 class Measurement(Structure):
     """One set of sensor readings and commands, all taken at `stamp_ns`."""
 
-    TYPE_NAME = "observer.Measurement.v4"
+    TYPE_NAME = "observer.Measurement.v5"
 
     sequence: u64  # Counts from 0, one up per sample; a gap counts as loss.
     stamp_ns: u64  # CLOCK_MONOTONIC of the source when the readings were taken (ns).
@@ -221,16 +228,26 @@ class Measurement(Structure):
     velocity_frame: u32  # Frame of `velocity_m_s`: `frame.INERTIAL` or `frame.BODY`.
     flags: u32  # What the vehicle says of itself: bits of `flags`.
     absent: u32  # Which components of the fields below were not measured: bits of `absent`.
-    velocity_m_s: f64x3  # Velocity of the center of mass, in the frame that `velocity_frame` names (m/s).
+    # Number of the `[[sensor]]` of the configuration that it comes from: mounting, lever arm, noise, latency.
+    # 0: of none.
+    sensor: u32
+    force_frame: u32  # Frame of `force_n`: `frame.INERTIAL` or `frame.BODY`.
+    # Velocity of the center of mass, or of the sensor where its configuration has a lever arm, in the frame
+    # that `velocity_frame` names (m/s).
+    velocity_m_s: f64x3
     angular_velocity_rad_s: f64x3  # Angular velocity, body axes (rad/s).
+    specific_force_m_s2: f64x3  # Specific force, of an accelerometer: acceleration without gravity's, body axes (m/s²).
     position_m: f64x3  # Position fix, inertial (m).
     attitude_wxyz: f64x4  # Attitude fix, unit quaternion w, x, y, z, body to inertial.
-    force_n: f64x3  # Commanded force, inertial axes (N), held until the next one; zero before the first.
+    # Commanded force, in the frame that `force_frame` names (N), held until the next one; zero before the
+    # first.
+    force_n: f64x3
     torque_n_m: f64x3  # Commanded torque, body axes (N·m), held until the next one; zero before the first.
     output: f64x6  # y of a general linear plant, its first m entries, in the units of its configuration.
     input: f64x6  # u of a general linear plant, its first m entries, held until the next one; zero before the first.
     velocity_std_m_s: f64x3  # 1 σ of `velocity_m_s`, along its axes (m/s); 0: as configured.
     angular_velocity_std_rad_s: f64x3  # 1 σ of `angular_velocity_rad_s` (rad/s); 0: as configured.
+    specific_force_std_m_s2: f64x3  # 1 σ of `specific_force_m_s2` (m/s²); 0: as configured.
     position_std_m: f64x3  # 1 σ of `position_m` (m); 0: as configured.
     attitude_std_rad: f64x3  # 1 σ of the rotation vector of `attitude_wxyz`'s error, body axes (rad); 0: as configured.
 
@@ -320,13 +337,13 @@ class LatencySummary(Structure):
 class Counters(Structure):
     """What the engine and its loop count since they started."""
 
-    TYPE_NAME = "observer.Counters.v1"
+    TYPE_NAME = "observer.Counters.v2"
 
     ticks: u64  # Ticks served, each with one estimate.
     deadline_misses: u64  # Deadlines that passed unserved because a tick ended too late; they were skipped.
     samples_accepted: u64  # Samples used.
     samples_lost: u64  # Gaps in the source's sequence: samples that never arrived.
-    samples_rejected: u64x11  # Samples rejected, by `Rejection`.
+    samples_rejected: u64x12  # Samples rejected, by `Rejection`.
     # Outputs that were outliers against the running scale of their errors, and were held back from adaptation
     # or from correction too: of translation, rotation, linear plant.
     outputs_held_back: u64x3
@@ -347,7 +364,7 @@ class Counters(Structure):
 class Status(StatusStructure):
     """What the service did since it started."""
 
-    TYPE_NAME = "observer.Status.v5"
+    TYPE_NAME = "observer.Status.v6"
     WORDS = REJECTION_WORDS
 
     sequence: u64  # Counts publications from 0.
@@ -367,6 +384,19 @@ class Status(StatusStructure):
     nis: f64x3
     source_pid: u64  # Process id of the source in use; 0 if none or unknown.
     other_source_pid: u64  # Process id of another source that publishes too; 0 if none.
+    # Of each source that has sent, in the order of appearance: process id; 0 where there is no source, or
+    # none any more.
+    source_pids: u64x16
+    source_sensors: u64x16  # Number of its `[[sensor]]`; 0: none.
+    # Age of its newest sample since it arrived (ns); the largest number where there is no source.
+    source_ages_ns: u64x16
+    source_periods_ns: u64x16  # The usual time between two of its samples (ns); 0 before the second.
+    source_delays_ns: u64x16  # Median of the delays of its samples, from stamp to arrival (ns).
+    source_max_delays_ns: u64x16  # The largest delay (ns).
+    source_accepted: u64x16  # Its samples that were used.
+    source_late: u64x16  # Of these, those that came after a newer one of any source.
+    source_lost: u64x16  # Gaps in its sequence.
+    source_rejected: u64x16  # Its samples that were rejected.
     adaptation_frozen: u64  # 1 while adaptation is frozen by an operator.
     late_ticks_in_a_row: u64  # Ticks in a row that ended after their next deadline, now.
     most_late_ticks_in_a_row: u64  # The most so far.
@@ -417,7 +447,7 @@ class Command(Structure):
 class Reply(ReplyStructure):
     """The service's answer, with its status after the command."""
 
-    TYPE_NAME = "observer.Reply.v5"
+    TYPE_NAME = "observer.Reply.v6"
 
     outcome: u32  # One of `outcome`.
     message_bytes: u32  # Bytes of `message` in use.

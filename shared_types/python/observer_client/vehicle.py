@@ -76,12 +76,24 @@ class Vehicle:
             self._publisher.delete()
         self._publisher = self._newest = self._node = None
 
-    def publish(self, *, stamp_ns=None, sequence=None, body_velocity_m_s=None, on_ground=False, **readings):
+    def publish(
+        self,
+        *,
+        stamp_ns=None,
+        sequence=None,
+        sensor=0,
+        body_velocity_m_s=None,
+        body_force_n=None,
+        on_ground=False,
+        **readings,
+    ):
         """Sends one sample: sensor readings, and commands that are held until the next ones. Returns its sequence.
 
         `stamp_ns` is when the readings were taken, on the clock of `time.monotonic_ns()`, which is also the default;
         `sequence` counts by itself, a gap means loss. Never blocks: where the service is slow or away, the oldest
         sample is dropped.
+
+        `sensor` is the number of the service's `[[sensor]]` that these readings come from: lever arm, mounting, noise, latency.
 
         With `on_ground`, the vehicle says that it stands on the ground: nothing is learned until a sample without it.
 
@@ -90,20 +102,26 @@ class Vehicle:
         Readings, in SI units:
 
         body_velocity_m_s: instead of velocity_m_s, along the body axes, as of a Doppler log.
+        body_force_n: instead of force_n, along the body axes, as a multicopter commands its thrust.
 
         A component of velocity_m_s, angular_velocity_rad_s or position_m that was not measured is None: position_m=(None, None, z)
         is a height. Standard deviations of this sample, by component, 0 as configured: velocity_std_m_s,
-        angular_velocity_std_rad_s, position_std_m, attitude_std_rad.
+        angular_velocity_std_rad_s, specific_force_std_m_s2, position_std_m, attitude_std_rad.
         """
         sample = Measurement(
             sequence=self._sequence if sequence is None else sequence,
             stamp_ns=time.monotonic_ns() if stamp_ns is None else stamp_ns,
+            sensor=sensor,
             flags=payload.flags.ON_GROUND if on_ground else 0,
         )
         if body_velocity_m_s is not None:
             if readings.get("velocity_m_s") is not None:
                 raise ObserverError("velocity_m_s and body_velocity_m_s: needed: one of the two")
             readings["velocity_m_s"], sample.velocity_frame = body_velocity_m_s, payload.frame.BODY
+        if body_force_n is not None:
+            if readings.get("force_n") is not None:
+                raise ObserverError("force_n and body_force_n: needed: one of the two")
+            readings["force_n"], sample.force_frame = body_force_n, payload.frame.BODY
         for name, value in readings.items():
             if name not in payload.READINGS and name not in _DEVIATIONS:
                 names = [*payload.READINGS, *_DEVIATIONS]
@@ -300,7 +318,7 @@ def _taken(sample, payload_type):
 
 
 #: Fields with the deviations of others.
-_DEVIATIONS = ("velocity_std_m_s", "angular_velocity_std_rad_s", "position_std_m", "attitude_std_rad")
+_DEVIATIONS = ("velocity_std_m_s", "angular_velocity_std_rad_s", "specific_force_std_m_s2", "position_std_m", "attitude_std_rad")
 #: Bit of `absent` of the first component.
 _FIRST_ABSENT = {
     "velocity_m_s": payload.absent.VELOCITY_X,

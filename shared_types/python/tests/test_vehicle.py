@@ -100,16 +100,18 @@ def test_samples_go_in_and_each_comes_back_in_an_estimate(service):
 def test_every_argument_arrives_in_its_field(service):
     readings = {
         "angular_velocity_rad_s": numpy.array([0.1, 0.2, 0.3]),
+        "specific_force_m_s2": [0.0, 0.0, -9.5],
+        "specific_force_std_m_s2": [0.5, 0.5, 0.5],
         "position_m": (4.0, 5.0, 6.0),
         "attitude_wxyz": [0.0, 1.0, 0.0, 0.0],
-        "force_n": [1, 2, 3],
+        "body_force_n": [1, 2, 3],
         "torque_n_m": iter([0.5, 0.25, 0.125]),
         "output": [7.0, 8.0],
         "input": numpy.arange(6),
     }
     with service.vehicle() as vehicle:
         measurements = vehicle.measurements(timeout_s=PATIENCE_S)
-        vehicle.publish(body_velocity_m_s=[1.0, 2.0, 3.0], stamp_ns=123, sequence=41, on_ground=True, **readings)
+        vehicle.publish(body_velocity_m_s=[1.0, 2.0, 3.0], stamp_ns=123, sequence=41, sensor=3, on_ground=True, **readings)
         assert vehicle.publish(velocity_m_s=[1.0, 2.0, 3.0]) == 42
         vehicle.publish(position_m=(None, None, 6.0), position_std_m=[0.0, 0.0, 0.2])
         assert next(measurements) == Measurement(
@@ -118,6 +120,10 @@ def test_every_argument_arrives_in_its_field(service):
             valid=payload.valid.ALL,
             velocity_frame=payload.frame.BODY,
             flags=payload.flags.ON_GROUND,
+            sensor=3,
+            force_frame=payload.frame.BODY,
+            specific_force_m_s2=(0.0, 0.0, -9.5),
+            specific_force_std_m_s2=(0.5, 0.5, 0.5),
             velocity_m_s=(1.0, 2.0, 3.0),
             angular_velocity_rad_s=(0.1, 0.2, 0.3),
             position_m=(4.0, 5.0, 6.0),

@@ -10,11 +10,11 @@ pub const MAX_SEQUENCE_GAP: u64 = 1_000_000;
 pub const QUATERNION_NORM_TOLERANCE: f64 = 1e-3;
 
 constants! {
-    /// Values of [`Measurement::velocity_frame`].
+    /// Values of [`Measurement::velocity_frame`] and [`Measurement::force_frame`].
     pub mod frame: u32 {
         /// Components along the inertial axes.
         INERTIAL = 0;
-        /// Components along the body axes (a Doppler log).
+        /// Components along the body axes (a Doppler log; the thrust of a multicopter).
         BODY = 1;
     }
 }
@@ -32,7 +32,7 @@ constants! {
 
 constants! {
     /// Bits of [`Measurement::absent`]: components of a valid field that were not measured, as of a depth or of a Doppler log that
-    /// has two axes. The joint law takes the others; a velocity in body axes must have all of them.
+    /// has two axes. The joint law takes the others; a velocity in body axes and a specific force must have all of them.
     pub mod absent: u32 {
         /// x of the velocity.
         VELOCITY_X = 1 << 0;
@@ -52,8 +52,14 @@ constants! {
         POSITION_Y = 1 << 7;
         /// z of the position.
         POSITION_Z = 1 << 8;
+        /// x of the specific force.
+        SPECIFIC_FORCE_X = 1 << 9;
+        /// y of the specific force.
+        SPECIFIC_FORCE_Y = 1 << 10;
+        /// z of the specific force.
+        SPECIFIC_FORCE_Z = 1 << 11;
         /// Every bit that has a meaning.
-        ALL = 0x1ff;
+        ALL = 0xfff;
     }
 }
 
@@ -69,12 +75,12 @@ payload! {
     /// Bits of [`Measurement::valid`]: which fields carry a measurement.
     pub mod valid: u32 {
         /// Every field of a rigid body.
-        RIGID_BODY = VELOCITY | ANGULAR_VELOCITY | POSITION | ATTITUDE | FORCE | TORQUE,
+        RIGID_BODY = VELOCITY | ANGULAR_VELOCITY | SPECIFIC_FORCE | POSITION | ATTITUDE | FORCE | TORQUE,
     }
 
     /// One set of sensor readings and commands, all taken at `stamp_ns`.
     #[derive(Default, Serialize, Deserialize)]
-    pub struct Measurement: "observer.Measurement.v4" {
+    pub struct Measurement: "observer.Measurement.v5" {
         /// Counts from 0, one up per sample; a gap counts as loss.
         sequence: u64,
         /// CLOCK_MONOTONIC of the source when the readings were taken (ns).
@@ -87,13 +93,22 @@ payload! {
         flags: u32,
         /// Which components of the fields below were not measured: bits of [`absent`].
         absent: u32,
-        /// Velocity of the center of mass, in the frame that `velocity_frame` names (m/s).
+        /// Number of the `[[sensor]]` of the configuration that it comes from: mounting, lever arm, noise, latency. 0: of none.
+        sensor: u32,
+        /// Frame of `force_n`: [`frame::INERTIAL`] or [`frame::BODY`].
+        force_frame: u32,
+        /// Velocity of the center of mass, or of the sensor where its configuration has a lever arm, in the frame that
+        /// `velocity_frame` names (m/s).
         velocity_m_s: [f64; 3] where VELOCITY = 0 {
             components: XYZ, quantity: measured("velocity", "m/s"), limit: Limit::Norm(Bound::Speed),
         },
         /// Angular velocity, body axes (rad/s).
         angular_velocity_rad_s: [f64; 3] where ANGULAR_VELOCITY = 1 {
             components: XYZ, quantity: measured("angular_velocity", "rad/s"), limit: Limit::Norm(Bound::AngularRate),
+        },
+        /// Specific force, of an accelerometer: acceleration without gravity's, body axes (m/s²).
+        specific_force_m_s2: [f64; 3] where SPECIFIC_FORCE = 8 {
+            components: XYZ, quantity: measured("specific_force", "m/s2"), limit: Limit::Norm(Bound::SpecificForce),
         },
         /// Position fix, inertial (m).
         position_m: [f64; 3] where POSITION = 2 {
@@ -103,7 +118,7 @@ payload! {
         attitude_wxyz: [f64; 4] where ATTITUDE = 3 {
             components: WXYZ, quantity: measured("attitude", ""), limit: Limit::UnitNorm,
         },
-        /// Commanded force, inertial axes (N), held until the next one; zero before the first.
+        /// Commanded force, in the frame that `force_frame` names (N), held until the next one; zero before the first.
         force_n: [f64; 3] where FORCE = 4 {
             components: XYZ, quantity: commanded("force", "N"), limit: Limit::Norm(Bound::Force),
         },
@@ -123,6 +138,8 @@ payload! {
         velocity_std_m_s: [f64; 3] { components: XYZ, limit: Limit::NotNegative },
         /// 1 σ of `angular_velocity_rad_s` (rad/s); 0: as configured.
         angular_velocity_std_rad_s: [f64; 3] { components: XYZ, limit: Limit::NotNegative },
+        /// 1 σ of `specific_force_m_s2` (m/s²); 0: as configured.
+        specific_force_std_m_s2: [f64; 3] { components: XYZ, limit: Limit::NotNegative },
         /// 1 σ of `position_m` (m); 0: as configured.
         position_std_m: [f64; 3] { components: XYZ, limit: Limit::NotNegative },
         /// 1 σ of the rotation vector of `attitude_wxyz`'s error, body axes (rad); 0: as configured.
@@ -156,6 +173,16 @@ impl Measurement {
         Self { angular_velocity_rad_s, ..self }.and(valid::ANGULAR_VELOCITY)
     }
 
+    /// Adds a specific force, body axes.
+    pub fn with_specific_force_m_s2(self, specific_force_m_s2: [f64; 3]) -> Self {
+        Self { specific_force_m_s2, ..self }.and(valid::SPECIFIC_FORCE)
+    }
+
+    /// Says which `[[sensor]]` of the configuration it comes from.
+    pub fn of_sensor(self, sensor: u32) -> Self {
+        Self { sensor, ..self }
+    }
+
     /// Adds a position fix.
     pub fn with_position_m(self, position_m: [f64; 3]) -> Self {
         Self { position_m, ..self }.and(valid::POSITION)
@@ -184,7 +211,12 @@ impl Measurement {
 
     /// Adds a commanded force, inertial axes.
     pub fn with_force_n(self, force_n: [f64; 3]) -> Self {
-        Self { force_n, ..self }.and(valid::FORCE)
+        Self { force_n, force_frame: frame::INERTIAL, ..self }.and(valid::FORCE)
+    }
+
+    /// Adds a commanded force along the body axes.
+    pub fn with_body_force_n(self, force_n: [f64; 3]) -> Self {
+        Self { force_n, force_frame: frame::BODY, ..self }.and(valid::FORCE)
     }
 
     /// Adds a commanded torque, body axes.

@@ -22,5 +22,7 @@ pub use measurement::{
     MAX_SEQUENCE_GAP, Measurement, QUATERNION_NORM_TOLERANCE, absent, flags, frame, valid,
 };
 pub use rejection::Rejection;
-pub use status::{Command, Counters, LatencySummary, Reply, Status, command, outcome, real_time, restored};
+pub use status::{
+    Command, Counters, LatencySummary, Reply, SourceStatus, Status, command, outcome, real_time, restored,
+};
 pub use truth::Truth;

@@ -6,7 +6,7 @@ macro_rules! rejections {
     ($($(#[doc = $doc:literal])+ $name:ident = $key:literal, $words:literal;)+) => {
         /// Why a sample was rejected; the value is its index in [`Counters::samples_rejected`].
         ///
-        /// Where several reasons hold, one is counted: the first of `Overload`; `Malformed`; `NotFinite` in any field;
+        /// Where several reasons hold, one is counted: the first of `Overload`; `UnknownSensor`; `Malformed`; `NotFinite` in any field;
         /// `BeyondLimits` and `QuaternionNorm`, field by field in the order of the message; `FarFuture` and `TooOld`
         /// against the clock; `OtherSource`; the stamp and then the sequence against the newest accepted sample.
         ///
@@ -63,8 +63,10 @@ rejections! {
     SequenceBackwards = "sequence_backwards", "sequence went backwards";
     /// Another source holds the stream, or there are too many.
     OtherSource = "other_source", "another source holds the stream";
-    /// No valid field, an unknown bit of `valid`, `flags` or `absent`, a body velocity without one of its components, or an unknown frame.
+    /// No valid field, an unknown bit of `valid`, `flags` or `absent`, a body velocity or a specific force without one of its components, or an unknown frame.
     Malformed = "malformed", "malformed";
+    /// The configuration has `[[sensor]]` tables, and none with the sample's number.
+    UnknownSensor = "unknown_sensor", "unknown sensor";
     /// The loop was late for too long to use it.
     Overload = "overload", "the loop was late";
 }

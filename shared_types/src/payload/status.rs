@@ -1,6 +1,7 @@
 //! The operator's messages: counters and status of the service, commands, and the replies that carry the status.
 
 use crate::payload::rejection::{REASONS, Rejection};
+use crate::service::MAX_SOURCES;
 use crate::table::{AGE_PER_CHANNEL, Message, PER_CHANNEL, Payload, SIZE_PER_CHANNEL, Value};
 use iceoryx2::prelude::ZeroCopySend;
 use serde::{Deserialize, Serialize};
@@ -8,7 +9,7 @@ use serde::{Deserialize, Serialize};
 payload! {
     /// What the engine and its loop count since they started.
     #[derive(Default, Eq, Serialize, Deserialize)]
-    pub struct Counters: "observer.Counters.v1" {
+    pub struct Counters: "observer.Counters.v2" {
         /// Ticks served, each with one estimate.
         ticks: u64,
         /// Deadlines that passed unserved because a tick ended too late; they were skipped.
@@ -128,7 +129,7 @@ payload! {
 payload! {
     /// What the service did since it started.
     #[derive(Default, Serialize, Deserialize)]
-    pub struct Status: "observer.Status.v5" {
+    pub struct Status: "observer.Status.v6" {
         /// Counts publications from 0.
         sequence: u64,
         /// CLOCK_MONOTONIC of this status (ns).
@@ -156,6 +157,26 @@ payload! {
         source_pid: u64,
         /// Process id of another source that publishes too; 0 if none.
         other_source_pid: u64,
+        /// Of each source that has sent, in the order of appearance: process id; 0 where there is no source, or none any more.
+        source_pids: [u64; MAX_SOURCES],
+        /// Number of its `[[sensor]]`; 0: none.
+        source_sensors: [u64; MAX_SOURCES],
+        /// Age of its newest sample since it arrived (ns); the largest number where there is no source.
+        source_ages_ns: [u64; MAX_SOURCES] { unknown: Some(u64::MAX) },
+        /// The usual time between two of its samples (ns); 0 before the second.
+        source_periods_ns: [u64; MAX_SOURCES],
+        /// Median of the delays of its samples, from stamp to arrival (ns).
+        source_delays_ns: [u64; MAX_SOURCES],
+        /// The largest delay (ns).
+        source_max_delays_ns: [u64; MAX_SOURCES],
+        /// Its samples that were used.
+        source_accepted: [u64; MAX_SOURCES],
+        /// Of these, those that came after a newer one of any source.
+        source_late: [u64; MAX_SOURCES],
+        /// Gaps in its sequence.
+        source_lost: [u64; MAX_SOURCES],
+        /// Its samples that were rejected.
+        source_rejected: [u64; MAX_SOURCES],
         /// 1 while adaptation is frozen by an operator.
         adaptation_frozen: u64,
         /// Ticks in a row that ended after their next deadline, now.
@@ -184,6 +205,63 @@ payload! {
         input_age_ns: LatencySummary,
         /// Source stamp of the newest sample to publication, on ticks with a new sample (ns).
         source_to_publish_ns: LatencySummary,
+    }
+}
+
+/// What a status says of one source.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+pub struct SourceStatus {
+    /// Its process; 0: it has ended, or is unknown.
+    pub pid: u64,
+    /// Number of its `[[sensor]]`; 0: none.
+    pub sensor: u64,
+    /// Age of its newest sample (ns).
+    pub age_ns: u64,
+    /// The usual time between two (ns).
+    pub period_ns: u64,
+    /// Median of the delays from stamp to arrival (ns).
+    pub delay_ns: u64,
+    /// The largest of them (ns).
+    pub max_delay_ns: u64,
+    /// Samples used.
+    pub accepted: u64,
+    /// Of these, those that came after a newer one of any source.
+    pub late: u64,
+    /// Gaps in its sequence.
+    pub lost: u64,
+    /// Samples rejected.
+    pub rejected: u64,
+}
+
+impl Status {
+    /// The sources that have sent.
+    pub fn sources(&self) -> impl Iterator<Item = SourceStatus> {
+        (0..MAX_SOURCES).filter(|&k| self.source_ages_ns[k] != u64::MAX).map(|k| SourceStatus {
+            pid: self.source_pids[k],
+            sensor: self.source_sensors[k],
+            age_ns: self.source_ages_ns[k],
+            period_ns: self.source_periods_ns[k],
+            delay_ns: self.source_delays_ns[k],
+            max_delay_ns: self.source_max_delays_ns[k],
+            accepted: self.source_accepted[k],
+            late: self.source_late[k],
+            lost: self.source_lost[k],
+            rejected: self.source_rejected[k],
+        })
+    }
+
+    /// Sets the row of a source.
+    pub fn set_source(&mut self, k: usize, source: &SourceStatus) {
+        self.source_pids[k] = source.pid;
+        self.source_sensors[k] = source.sensor;
+        self.source_ages_ns[k] = source.age_ns;
+        self.source_periods_ns[k] = source.period_ns;
+        self.source_delays_ns[k] = source.delay_ns;
+        self.source_max_delays_ns[k] = source.max_delay_ns;
+        self.source_accepted[k] = source.accepted;
+        self.source_late[k] = source.late;
+        self.source_lost[k] = source.lost;
+        self.source_rejected[k] = source.rejected;
     }
 }
 
@@ -228,7 +306,7 @@ payload! {
 
 payload! {
     /// The service's answer, with its status after the command.
-    pub struct Reply: "observer.Reply.v5" {
+    pub struct Reply: "observer.Reply.v6" {
         /// One of [`outcome`].
         outcome: u32,
         /// Bytes of `message` in use.

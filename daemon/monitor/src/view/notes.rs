@@ -229,7 +229,7 @@ mod tests {
         let status = |stamp_s: u64, not_finite: u64| Status {
             stamp_ns: stamp_s * 1_000_000_000,
             counters: Counters {
-                samples_rejected: [not_finite, 7, 0, 0, 0, 0, 0, 0, 0, 0, 0],
+                samples_rejected: [not_finite, 7, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0],
                 ..Counters::default()
             },
             ..Status::default()

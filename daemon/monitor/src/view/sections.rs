@@ -260,11 +260,26 @@ pub fn sample_lines(model: &Model, theme: Theme, width: usize, n_lines: usize) -
         true => String::new(),
         false => format!("; rejected: {}", rejections.join(", ")),
     };
+    let rows = status.sources().map(|source| {
+        let sensor = if source.sensor == 0 { String::new() } else { format!(" sensor {}", source.sensor) };
+        let rate = if source.period_ns == 0 { 0.0 } else { 1e9 / source.period_ns as f64 };
+        format!(
+            "{}{sensor}: {rate:.0}/s, {} late, {} ago",
+            source.pid,
+            duration_ns(source.delay_ns),
+            duration_ns(source.age_ns)
+        )
+    });
+    let rows: Vec<_> = rows.collect();
     let columns = width.saturating_sub(LABEL).max(20);
     let mut texts = wrapped(&facts, columns);
     match texts.len() {
         1 => texts.extend(wrapped(&format!("{source}{rejections}"), columns)),
         _ => texts = wrapped(&format!("{facts}; {source}{rejections}"), columns),
+    }
+    // One source is described above.
+    if rows.len() > 1 {
+        texts.extend(wrapped(&rows.join("; "), columns));
     }
     if texts.len() > n_lines {
         texts.truncate(n_lines);

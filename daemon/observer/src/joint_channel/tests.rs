@@ -17,7 +17,11 @@ fn design() -> JointChannelDesign {
 }
 
 fn channel() -> JointChannel<()> {
-    let design = JointTranslationDesign { channel: design(), known_force_n: Vector3::zeros() };
+    let design = JointTranslationDesign {
+        channel: design(),
+        known_force_n: Vector3::zeros(),
+        gravity_m_s2: Vector3::zeros(),
+    };
     JointChannel::translation(&design, None, None).unwrap()
 }
 
@@ -205,7 +209,11 @@ fn a_noisy_sample_that_says_so_costs_nothing() {
 fn parts_of_readings_correct_their_own_axes() {
     let mut design = design();
     design.filter.position_noise = Some(0.1);
-    let design = JointTranslationDesign { channel: design, known_force_n: Vector3::zeros() };
+    let design = JointTranslationDesign {
+        channel: design,
+        known_force_n: Vector3::zeros(),
+        gravity_m_s2: Vector3::zeros(),
+    };
     let mut channel = JointChannel::translation(&design, None, None).unwrap();
     let (mut flight, mut position) = (Flight::new(8), Vector3::new(3.0, -2.0, 7.0));
     for j in 0..6000_u64 {
@@ -244,7 +252,11 @@ fn from_positions_alone_the_velocity_is_found_and_a_bounce_is_followed() {
     const NOISE_M: f64 = 0.001;
     let mut design = design();
     design.filter.position_noise = Some(NOISE_M);
-    let design = JointTranslationDesign { channel: design, known_force_n: Vector3::zeros() };
+    let design = JointTranslationDesign {
+        channel: design,
+        known_force_n: Vector3::zeros(),
+        gravity_m_s2: Vector3::zeros(),
+    };
     let mut channel = JointChannel::translation(&design, None, None).unwrap();
     let (mut flight, mut position) = (Flight::new(5), Vector3::new(3.0, -2.0, 1.0));
     let (mut square, mut count, mut after_bounce) = (0.0, 0, 0.0_f64);

@@ -433,8 +433,11 @@ fn with_the_joint_law_a_body_velocity_is_turned_and_is_no_surer_than_an_inertial
             inertia: Matrix3::identity(),
             hold_s: 0.0075,
         };
-        let translation =
-            JointTranslationDesign { channel: channel([0.01, 0.02, 0.05]), known_force_n: Vector3::zeros() };
+        let translation = JointTranslationDesign {
+            channel: channel([0.01, 0.02, 0.05]),
+            known_force_n: Vector3::zeros(),
+            gravity_m_s2: Vector3::zeros(),
+        };
         let rotation = JointRotationDesign {
             channel: channel([0.01; 3]),
             gyroscopic_torque: GyroscopicTorque::Learned,

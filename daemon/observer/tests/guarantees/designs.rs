@@ -97,6 +97,11 @@ impl Random {
         (self.0 >> 11) as f64 / (1_u64 << 52) as f64 - 1.0
     }
 
+    /// Of deviation 1, nearly normal.
+    pub(crate) fn normal(&mut self) -> f64 {
+        (0..12).map(|_| self.next()).sum::<f64>() * 0.5
+    }
+
     pub(crate) fn point(&mut self, half: f64, m: usize) -> Vec<f64> {
         (0..m).map(|_| half * self.next()).collect()
     }

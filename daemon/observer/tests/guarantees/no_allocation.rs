@@ -48,7 +48,11 @@ fn with_the_joint_law_accepting_estimating_and_restoring_allocate_nothing() {
             inertia: isotropic(4.0),
             hold_s: 0.0075,
         };
-        let translation = JointTranslationDesign { channel: channel(), known_force_n: Vector3::zeros() };
+        let translation = JointTranslationDesign {
+            channel: channel(),
+            known_force_n: Vector3::zeros(),
+            gravity_m_s2: Vector3::zeros(),
+        };
         let rotation = JointRotationDesign {
             channel: channel(),
             gyroscopic_torque: GyroscopicTorque::Feedforward,

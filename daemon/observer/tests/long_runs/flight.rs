@@ -145,7 +145,8 @@ impl Kind {
 
     pub(crate) fn channel(&self, design: &JointChannelDesign) -> JointChannel<()> {
         let known_force_n = Vector3::new(0.0, 0.0, -self.mass_kg * self.gravity_m_s2);
-        let design = JointTranslationDesign { channel: design.clone(), known_force_n };
+        let design =
+            JointTranslationDesign { channel: design.clone(), known_force_n, gravity_m_s2: Vector3::zeros() };
         JointChannel::translation(&design, None, None).unwrap()
     }
 

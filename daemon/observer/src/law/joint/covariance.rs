@@ -134,6 +134,15 @@ impl Covariance {
         }
     }
 
+    /// `P_ij −= g_i g_j` where i or j is one of these rows; n rows are in use.
+    pub(crate) fn subtract_square_of(&mut self, rows: &[usize], g: &[f64], n: usize) {
+        for (position, &i) in rows.iter().enumerate() {
+            for j in (0..n).filter(|j| !rows[..position].contains(j)) {
+                self.set(i, j, self.at(i, j) - g[i] * g[j]);
+            }
+        }
+    }
+
     /// Subtracts the square that waits.
     pub(crate) fn settle(&mut self) {
         if self.square_waits {

@@ -26,6 +26,7 @@
 //! # Source
 //! The model, the two noise levels and the excitation are ours; docs/method.md derives them.
 
+pub(crate) mod accelerometer;
 pub(crate) mod command;
 pub(crate) mod covariance;
 pub(crate) mod design;
@@ -36,6 +37,7 @@ pub(crate) mod lags;
 pub(crate) mod noise_levels;
 pub(crate) mod predict;
 pub(crate) mod rows;
+pub(crate) mod sensor;
 pub(crate) mod state;
 pub(crate) mod stray;
 pub(crate) mod teaches;

@@ -2,19 +2,24 @@
 //!
 //! ρ scales the sensor's variance, λ the process's (q and σ_d²). Both take likelihood steps in innovation form.
 
+use super::sensor::MAX_SENSORS;
 use serde::{Deserialize, Serialize};
 
 const SENSOR_RANGE: (f64, f64) = (0.01, 100.0);
+/// Of so many velocities of one sensor, half are forgotten: another one may come more often from then on.
+const COUNTED: u32 = 1024;
 /// e⁻² … 100.
 const PROCESS_RANGE: (f64, f64) = (0.135_335_283_236_612_7, 100.0);
 
 /// ρ, λ, the sensitivity m, and A².
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub(crate) struct NoiseLevels {
-    /// ρ: the sensor's variance is ρ r².
-    pub(crate) sensor: f64,
-    /// ρ of the position.
-    pub(crate) position: f64,
+    /// ρ of each velocity's sensor: its variance is ρ r².
+    pub(crate) sensor: [f64; MAX_SENSORS],
+    /// ρ of each position's.
+    pub(crate) position: [f64; MAX_SENSORS],
+    /// How many velocities came of each sensor of late: λ follows those of which there are most.
+    n_velocities: [u32; MAX_SENSORS],
     /// λ: process noise λ q, disturbance λ σ_d².
     pub(crate) process: f64,
     /// m = ∂v̂/∂ln K.
@@ -48,10 +53,17 @@ impl Innovation {
 
 impl NoiseLevels {
     pub(crate) fn configured() -> Self {
-        Self { sensor: 1.0, position: 1.0, process: 1.0, sensitivity: [0.0; 3], corrections: 0.0 }
+        Self {
+            sensor: [1.0; MAX_SENSORS],
+            position: [1.0; MAX_SENSORS],
+            n_velocities: [0; MAX_SENSORS],
+            process: 1.0,
+            sensitivity: [0.0; 3],
+            corrections: 0.0,
+        }
     }
 
-    /// Follows the innovations of one velocity sample; Δ is the time since the sample before (s), 0 at the first.
+    /// Follows the innovations of one velocity sample of the sensor at this place; Δ is the time since the sample before (s), 0 at the first.
     ///
     /// ```text
     /// A² = Σ c² P_00 (1−K) (K/Δ)² max(1, λ^{−3/2})
@@ -64,6 +76,7 @@ impl NoiseLevels {
         innovations: &[Option<Innovation>; 3],
         mean_square: f64,
         (since_s, n_samples, correction_share): (f64, f64, f64),
+        place: usize,
     ) {
         let gains = innovations.map(|innovation| innovation.map(|i| i.gain()));
         let each = || innovations.iter().zip(&gains).filter_map(|(i, gain)| i.as_ref().zip(*gain));
@@ -85,10 +98,12 @@ impl NoiseLevels {
         let correlation = correlation.filter_map(|(i, m)| i.as_ref().map(|i| i.value * m / i.variance));
         let by_scale = (chi * chi * mean_square - 1.0) / n_samples;
         let by_gain = chi * correlation.sum::<f64>() / (n * n_samples * (gain / (2.0 - gain)).max(1e-3));
-        let sensor = self.sensor * (by_scale - gain / (1.0 - gain).max(0.05) * by_gain).exp();
-        let process = self.process * (by_scale + 2.0 * by_gain).exp();
-        self.sensor = sensor.clamp(SENSOR_RANGE.0, SENSOR_RANGE.1);
-        self.process = process.clamp(PROCESS_RANGE.0, PROCESS_RANGE.1);
+        let sensor = self.sensor[place] * (by_scale - gain / (1.0 - gain).max(0.05) * by_gain).exp();
+        self.sensor[place] = sensor.clamp(SENSOR_RANGE.0, SENSOR_RANGE.1);
+        if self.comes_most_often(place) {
+            let process = self.process * (by_scale + 2.0 * by_gain).exp();
+            self.process = process.clamp(PROCESS_RANGE.0, PROCESS_RANGE.1);
+        }
         for ((m, innovation), gain) in self.sensitivity.iter_mut().zip(innovations).zip(gains) {
             if let (Some(innovation), Some(gain)) = (innovation, gain) {
                 *m = (1.0 - gain) * *m + gain * chi * innovation.value;
@@ -96,13 +111,21 @@ impl NoiseLevels {
         }
     }
 
+    fn comes_most_often(&mut self, place: usize) -> bool {
+        self.n_velocities[place] += 1;
+        if self.n_velocities[place] == COUNTED {
+            self.n_velocities.iter_mut().for_each(|n| *n /= 2);
+        }
+        self.n_velocities.iter().all(|n| *n <= self.n_velocities[place])
+    }
+
     /// Follows one component of a position fix: `ρ := clip(ρ exp((1−K)(χ²ζ² − 1)/N_a))`. With K near 1 the innovation
     /// is the dead reckoning's and tells nothing of the sensor.
-    pub(crate) fn follow_position(&mut self, innovation: &Innovation, n_samples: f64) {
+    pub(crate) fn follow_position(&mut self, innovation: &Innovation, n_samples: f64, place: usize) {
         if n_samples > 0.0 {
             let square = innovation.normalized_square().min(16.0);
             let step = (1.0 - innovation.gain()) * (square - 1.0) / n_samples;
-            self.position = (self.position * step.exp()).clamp(SENSOR_RANGE.0, SENSOR_RANGE.1);
+            self.position[place] = (self.position[place] * step.exp()).clamp(SENSOR_RANGE.0, SENSOR_RANGE.1);
         }
     }
 }

@@ -191,9 +191,9 @@ impl JointState {
         })
     }
 
-    /// ρ and λ, the levels of the sensor's and of the process's noise variance: 1 as configured.
+    /// ρ and λ, the levels of the first sensor's and of the process's noise variance: 1 as configured.
     pub fn noise_levels(&self) -> (f64, f64) {
-        (self.scalars.noise_levels.sensor, self.scalars.noise_levels.process)
+        (self.scalars.noise_levels.sensor[0], self.scalars.noise_levels.process)
     }
 
     /// g, the part of the features' variation that teaches: 0 … 1.

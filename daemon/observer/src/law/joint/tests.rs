@@ -4,8 +4,9 @@ use super::design::{JointDesign, PriorDeviations};
 use super::filter::JointFilter;
 use super::predict::LearnedAcceleration;
 use super::rows::{DISTURBANCE, KERNEL, POSITION, VELOCITY, WEIGHTS};
+use super::sensor::SensorUse;
 use super::teaches::Teaches;
-use crate::designs::joint_law;
+use crate::designs::{Random, joint_law};
 use nalgebra::Vector3;
 
 const MASS_KG: f64 = 4.0;
@@ -82,7 +83,13 @@ fn rows(run: &Run, n: u64) -> Vec<(Row, [Vector3<f64>; 2])> {
         if !(run.is_missing)(j) {
             let since_s = last_s.replace(t_s).map_or(0.0, |last_s| t_s - last_s);
             let y = [y.x, y.y, y.z].map(Some);
-            filter.update_velocity(&mut state, &y, &design.noise, since_s, Teaches::All);
+            filter.update_velocity(
+                &mut state,
+                &y,
+                &design.noise,
+                since_s,
+                (SensorUse::default(), Teaches::All),
+            );
         }
         let norm = state.weights_norm();
         let traces = [0, 1, 2].map(|axis| state.weights_trace(axis));
@@ -156,21 +163,6 @@ fn the_paper_s_first_example_has_the_errors_that_were_found_elsewhere() {
     }
 }
 
-/// A pseudo-random number of a known sequence, uniform in −1 … 1.
-struct Random(u64);
-
-impl Random {
-    fn uniform(&mut self) -> f64 {
-        self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        (self.0 >> 11) as f64 / (1_u64 << 52) as f64 - 1.0
-    }
-
-    /// Of deviation 1, nearly normal.
-    fn normal(&mut self) -> f64 {
-        (0..12).map(|_| self.uniform()).sum::<f64>() * 0.5
-    }
-}
-
 /// Without features, without noise levels that follow: the textbook's filter for v' = a + d, d' = −d/τ.
 #[test]
 fn without_features_it_is_the_kalman_filter_with_a_gauss_markov_disturbance() {
@@ -186,9 +178,15 @@ fn without_features_it_is_the_kalman_filter_with_a_gauss_markov_disturbance() {
     let mut p = nalgebra::Matrix2::new(r * r, 0.0, 0.0, 0.49);
     for j in 0..2000 {
         let y = if j == 0 { 0.3 } else { x[0] + 3.0 * r * random.normal() };
-        let h = 0.005 + 0.004 * random.uniform();
-        let a = 2.0 * random.uniform();
-        filter.update_velocity(&mut state, &[Some(y); 3], &design.noise, h, Teaches::All);
+        let h = 0.005 + 0.004 * random.next();
+        let a = 2.0 * random.next();
+        filter.update_velocity(
+            &mut state,
+            &[Some(y); 3],
+            &design.noise,
+            h,
+            (SensorUse::default(), Teaches::All),
+        );
         filter.predict(&mut state, h, &[a; 3], &[0.0; 3], Teaches::All);
         // Textbook: Joseph form, then the transition; a stray sample counts as a noisier one, as the law has it.
         let e: f64 = y - x[0];
@@ -255,7 +253,13 @@ fn without_forgetting_it_is_regularised_least_squares() {
         let weight = if j == 0 { 2.0 } else { 1.0 } / (r * r);
         normal += weight * &row * row.transpose();
         right += weight * (y - known) * &row;
-        filter.update_velocity(&mut state, &[Some(y); 3], &design.noise, h, Teaches::All);
+        filter.update_velocity(
+            &mut state,
+            &[Some(y); 3],
+            &design.noise,
+            h,
+            (SensorUse::default(), Teaches::All),
+        );
         let a = (0.3 * j as f64).sin();
         let solution = normal.clone().cholesky().unwrap().solve(&right);
         let v = known + row.dot(&solution);
@@ -283,7 +287,7 @@ fn the_error_of_the_learned_acceleration_is_within_the_deviation_times_the_norm(
     let theta: Vec<f64> = (0..filter.n_padded)
         .map(|i| {
             if (WEIGHTS..POSITION).contains(&i) || (KERNEL..filter.n).contains(&i) {
-                random.uniform()
+                random.next()
             } else {
                 0.0
             }
@@ -296,7 +300,13 @@ fn the_error_of_the_learned_acceleration_is_within_the_deviation_times_the_norm(
     for j in 0..400 {
         let noise = 0.3 * r * random.normal();
         squares += noise * noise / (r * r);
-        filter.update_velocity(&mut state, &[Some(velocity + noise); 3], &design.noise, h, Teaches::All);
+        filter.update_velocity(
+            &mut state,
+            &[Some(velocity + noise); 3],
+            &design.noise,
+            h,
+            (SensorUse::default(), Teaches::All),
+        );
         let a = (0.11 * j as f64).sin();
         let learned = filter.predict(&mut state, h, &[a; 3], &[0.0; 3], Teaches::All);
         let std = filter.learned_std(&state, &LearnedAcceleration { power_function: 0.0, ..learned });
@@ -327,7 +337,13 @@ fn the_weights_covariance_never_exceeds_the_prior_excited_or_not() {
         });
         // An outage in each thousand.
         if j % 1000 < 900 {
-            filter.update_velocity(&mut state, &y.map(Some), &design.noise, 0.005, Teaches::All);
+            filter.update_velocity(
+                &mut state,
+                &y.map(Some),
+                &design.noise,
+                0.005,
+                (SensorUse::default(), Teaches::All),
+            );
         }
         let a = y.map(|y| level * y - 0.1 * y);
         filter.predict(&mut state, 0.005, &a, &[0.0; 3], Teaches::All);
@@ -358,7 +374,7 @@ fn with_a_frozen_covariance_of_the_weights_it_is_the_gradient_law() {
     let (h, p0, n) = (0.005, 1e-6, filter.n);
     let at_rest = [Some(0.5); 3];
     for _ in 0..5000 {
-        filter.update_velocity(&mut state, &at_rest, &design.noise, h, Teaches::All);
+        filter.update_velocity(&mut state, &at_rest, &design.noise, h, (SensorUse::default(), Teaches::All));
         // The estimate stays where the features are constant.
         for axis in 0..3 {
             state.mean[axis].fill(0.0);
@@ -376,7 +392,13 @@ fn with_a_frozen_covariance_of_the_weights_it_is_the_gradient_law() {
         state.mean[axis][VELOCITY] = 0.5;
     }
     let (error, p_00) = (1e-3, state.covariances[0].at(VELOCITY, VELOCITY));
-    filter.update_velocity(&mut state, &[Some(0.5 + error); 3], &design.noise, h, Teaches::All);
+    filter.update_velocity(
+        &mut state,
+        &[Some(0.5 + error); 3],
+        &design.noise,
+        h,
+        (SensorUse::default(), Teaches::All),
+    );
     for i in (WEIGHTS..n).filter(|&i| i != POSITION) {
         let expected = h * p0 / p_00 * filter.features[i] * error;
         let found = state.mean[0][i];

@@ -11,6 +11,7 @@ use super::covariance::Covariance;
 use super::filter::JointFilter;
 use super::noise_levels::Innovation;
 use super::rows::{DISTURBANCE, POSITION, VELOCITY};
+use super::sensor::{Outliers, SensorUse};
 use super::state::JointState;
 use super::stray::STRAY;
 use super::teaches::Teaches;
@@ -64,21 +65,23 @@ impl JointFilter {
         velocity: &[Option<f64>; 3],
         deviations: &[f64; 3],
         since_s: f64,
-        teaches: Teaches,
+        (sensor, teaches): (SensorUse, Teaches),
     ) -> Option<Agreement> {
         velocity.iter().flatten().next()?;
         separate_axes(state, !are_alike(velocity, deviations));
         if !state.scalars.is_started {
             self.begin(state, velocity, deviations);
         }
-        let noise = state.scalars.noise_levels.sensor;
+        let noise = state.scalars.noise_levels.sensor[sensor.place];
         let innovations = innovations(state, VELOCITY, velocity, deviations, noise);
         let nis = mean_of(&innovations, Innovation::normalized_square);
         let adaptation = (since_s, self.design.noise_samples, self.design.excitation.correction_share);
-        state.scalars.noise_levels.follow(&innovations, nis, adaptation);
+        state.scalars.noise_levels.follow(&innovations, nis, adaptation, sensor.place);
         let is_new = state.scalars.stray_velocities.count(nis);
-        let weighing = Weighing::of(&innovations, nis, is_new);
-        self.update_row(state, VELOCITY, &innovations, weighing, teaches);
+        let weighing = Weighing::of(&innovations, nis, is_new, sensor.outliers);
+        if weighing.is_used {
+            self.update_row(state, VELOCITY, &innovations, weighing, teaches);
+        }
         Some(Agreement::of(&innovations, nis, weighing))
     }
 
@@ -88,9 +91,10 @@ impl JointFilter {
         state: &JointState,
         velocity: &[Option<f64>; 3],
         deviations: &[f64; 3],
+        sensor: SensorUse,
     ) -> Option<Agreement> {
         velocity.iter().flatten().next().filter(|_| state.scalars.is_started)?;
-        let noise = state.scalars.noise_levels.sensor;
+        let noise = state.scalars.noise_levels.sensor[sensor.place];
         let innovations = innovations(state, VELOCITY, velocity, deviations, noise);
         let nis = mean_of(&innovations, Innovation::normalized_square);
         Some(Agreement::of(&innovations, nis, Weighing::NONE))
@@ -123,7 +127,7 @@ impl JointFilter {
         position: &[Option<f64>; 3],
         deviations: &[f64; 3],
         since_s: Option<f64>,
-        teaches: Teaches,
+        (sensor, teaches): (SensorUse, Teaches),
     ) -> Option<Agreement> {
         position.iter().flatten().next()?;
         separate_axes(state, !are_alike(position, deviations));
@@ -141,7 +145,7 @@ impl JointFilter {
             self.column[POSITION] = deviations[axis] * deviations[axis];
             covariance.set_cross(POSITION, &self.column);
         }
-        let noise = state.scalars.noise_levels.position;
+        let noise = state.scalars.noise_levels.position[sensor.place];
         let found = innovations(state, POSITION, position, deviations, noise);
         if found.iter().flatten().any(|i| i.normalized_square() > STRAY * STRAY) {
             separate_axes(state, true);
@@ -164,11 +168,14 @@ impl JointFilter {
                     covariance.set(VELOCITY, POSITION, cross);
                     covariance.add_to_diagonal(VELOCITY, speed * speed);
                 }
-                self.update_row(state, POSITION, &one, Weighing::of(&one, nis, is_new), teaches);
+                let weighing = Weighing::of(&one, nis, is_new, sensor.outliers);
+                if weighing.is_used {
+                    self.update_row(state, POSITION, &one, weighing, teaches);
+                }
             }
         }
         for innovation in found.iter().flatten() {
-            state.scalars.noise_levels.follow_position(innovation, self.design.noise_samples);
+            state.scalars.noise_levels.follow_position(innovation, self.design.noise_samples, sensor.place);
         }
         Some(Agreement::of(&found, nis, Weighing::NONE))
     }
@@ -224,11 +231,7 @@ impl JointFilter {
         match teaches {
             Teaches::All => covariance.subtract_square(g),
             Teaches::State => {
-                for (position, &i) in STATE_ROWS.iter().enumerate() {
-                    for j in (0..self.n).filter(|j| !STATE_ROWS[..position].contains(j)) {
-                        covariance.set(i, j, covariance.at(i, j) - g[i] * g[j]);
-                    }
-                }
+                covariance.subtract_square_of(&STATE_ROWS, g, self.n);
             }
         }
         covariance.set_cross(row, remaining);
@@ -236,7 +239,7 @@ impl JointFilter {
 }
 
 /// Rows that a sample corrects where it does not teach.
-const STATE_ROWS: [usize; 3] = [VELOCITY, DISTURBANCE, POSITION];
+pub(super) const STATE_ROWS: [usize; 3] = [VELOCITY, DISTURBANCE, POSITION];
 
 /// How a sample enters that may be stray.
 #[derive(Debug, Clone, Copy)]
@@ -245,16 +248,19 @@ struct Weighing {
     factor: f64,
     /// What is added to P_00 because the vehicle does something new.
     surprise: f64,
+    is_used: bool,
 }
 
 impl Weighing {
     /// As it stands.
-    const NONE: Self = Self { factor: 1.0, surprise: 0.0 };
+    const NONE: Self = Self { factor: 1.0, surprise: 0.0, is_used: true };
 
-    fn of(innovations: &[Option<Innovation>; 3], nis: f64, is_new: bool) -> Self {
-        match is_new {
-            true => Self { factor: 1.0, surprise: mean_of(innovations, |i| i.value * i.value) },
-            false => Self { factor: (nis.sqrt() / STRAY).max(1.0), surprise: 0.0 },
+    fn of(innovations: &[Option<Innovation>; 3], nis: f64, is_new: bool, outliers: Outliers) -> Self {
+        match outliers {
+            Outliers::Off => Self::NONE,
+            _ if is_new => Self { surprise: mean_of(innovations, |i| i.value * i.value), ..Self::NONE },
+            Outliers::Weigh => Self { factor: (nis.sqrt() / STRAY).max(1.0), ..Self::NONE },
+            Outliers::Reject => Self { is_used: nis <= STRAY * STRAY, ..Self::NONE },
         }
     }
 }
@@ -287,7 +293,7 @@ fn innovations(
     })
 }
 
-fn mean_of(innovations: &[Option<Innovation>; 3], value: impl Fn(&Innovation) -> f64) -> f64 {
+pub(super) fn mean_of(innovations: &[Option<Innovation>; 3], value: impl Fn(&Innovation) -> f64) -> f64 {
     let measured = innovations.iter().flatten();
     measured.clone().map(value).sum::<f64>() / measured.count() as f64
 }
