@@ -9,19 +9,22 @@
 //! | late, silent | likewise, and the velocity's sensor says nothing for a minute while commands flow |
 //! | late, zeros | likewise, and it repeats exact zeros, as if they were valid; where the preset expects that |
 //!
-//! The estimate of each tick is compared with the truth of that instant, after the first minute.
+//! | late, outliers | likewise, and a tenth of the velocities has ten times the noise, of which they say nothing |
+//!
+//! The sensors are those of `sim_publisher run --sensors`. The estimate of each tick is compared with the truth of that instant, after the first minute.
 
 use crate::harness::output::{show, table};
 use crate::harness::random::Random;
-use clap::{Args, ValueEnum};
+use clap::Args;
 use daemon::assemble;
-use daemon::config::{ConfigFile, OutlierAction};
+use daemon::config::{ConfigFile, OutlierAction, SensorConfig};
 use daemon::engine::Engine;
-use nalgebra::{Quaternion, UnitQuaternion, Vector3};
+use nalgebra::Vector3;
 use serde::Serialize;
 use shared_types::payload::valid;
 use shared_types::{Estimate, Measurement, Truth, outln};
-use sim_publisher::{Scenario, Simulation, SimulationOptions};
+use sim_publisher::delivery::{Delivery, Outgoing};
+use sim_publisher::{Scenario, SensorSet};
 
 const START_NS: u64 = 1_000_000_000_000;
 const FLIGHT_S: f64 = 300.0;
@@ -33,9 +36,9 @@ const SILENT_S: std::ops::Range<f64> = 180.0..240.0;
 /// Arguments of `bench sensors`.
 #[derive(Debug, Clone, Args)]
 pub(crate) struct SensorsArguments {
-    /// One case only.
-    #[arg(long, value_name = "NAME")]
-    scenario: Option<CaseName>,
+    /// One set of sensors only: a built-in one of sim_publisher run --sensors, or a file like it.
+    #[arg(long, value_name = "NAME|FILE")]
+    sensors: Option<String>,
     /// Seed of the noise.
     #[arg(long, value_name = "N", default_value_t = 1)]
     seed: u64,
@@ -44,99 +47,64 @@ pub(crate) struct SensorsArguments {
     json: bool,
 }
 
-#[derive(Debug, Clone, Copy, PartialEq, ValueEnum)]
-enum CaseName {
-    /// Rates, attitude and commands at 100 Hz, a Doppler log at 5 Hz 150 ms late, depth at 10 Hz, a USBL fix every 5 s 1 s late.
-    AuvSurvey,
-    /// Rates, attitude and commands at 200 Hz, GNSS velocity and position at 5 Hz 120 ms late.
-    MulticopterGnss,
-}
-
-/// What a process measures.
-#[derive(Debug, Clone, Copy, PartialEq)]
-enum Quantity {
-    /// Angular velocity, attitude, and the commands.
-    RatesAndAttitude,
-    BodyVelocity,
-    VelocityAndPosition,
-    Depth,
-    Position,
-}
-
-/// The process of a sensor.
-#[derive(Debug, Clone, Copy)]
-struct Sensor {
-    quantity: Quantity,
-    /// One in so many samples of the simulation.
-    every: u64,
-    delay_s: f64,
-    /// 1 σ of the velocity (m/s) or rate (rad/s), and of the position (m) or attitude (rad).
-    noise: [f64; 2],
-}
-
 /// A vehicle with its sensors.
 struct Case {
-    name: &'static str,
-    scenario: Scenario,
-    preset: &'static str,
-    rate_hz: f64,
-    max_age_s: f64,
-    sensors: Vec<Sensor>,
+    name: String,
+    set: SensorSet,
+    config: ConfigFile,
 }
 
 impl Case {
-    fn of(name: CaseName) -> Self {
-        let sensor = |quantity, every, delay_s, noise| Sensor { quantity, every, delay_s, noise };
-        match name {
-            CaseName::AuvSurvey => Self {
-                name: "auv-survey",
-                scenario: Scenario::Auv,
-                preset: "auv",
-                rate_hz: 100.0,
-                max_age_s: 1.5,
-                sensors: vec![
-                    sensor(Quantity::RatesAndAttitude, 1, 0.0, [0.002, 0.005]),
-                    sensor(Quantity::BodyVelocity, 20, 0.15, [0.01, 0.0]),
-                    sensor(Quantity::Depth, 10, 0.0, [0.0, 0.02]),
-                    sensor(Quantity::Position, 500, 1.0, [0.0, 0.5]),
-                ],
-            },
-            CaseName::MulticopterGnss => Self {
-                name: "multicopter-gnss",
-                scenario: Scenario::RigidBody,
-                preset: "rigid-body",
-                rate_hz: 200.0,
-                max_age_s: 0.5,
-                sensors: vec![
-                    sensor(Quantity::RatesAndAttitude, 1, 0.0, [0.005, 0.005]),
-                    sensor(Quantity::VelocityAndPosition, 40, 0.12, [0.05, 0.3]),
-                ],
-            },
-        }
+    /// The set, with the preset of its vehicle, of which the sensors that have a number are told: place and noise, if their samples
+    /// do not tell it.
+    fn of(name: &str) -> anyhow::Result<Self> {
+        let set = SensorSet::read(name)?;
+        let mut config = ConfigFile::preset(match set.scenario {
+            Scenario::Auv => "auv",
+            Scenario::RigidBody => "rigid-body",
+            Scenario::Translation => "paper-translation-joint",
+            Scenario::Rotation => "paper-rotation",
+        })?;
+        let longest_s = set.sensor.iter().map(|sensor| sensor.delay_s + sensor.delay_jitter_s);
+        let longest_s = longest_s.fold(0.0, f64::max);
+        config.config.rate_hz = set.rate_hz;
+        config.config.input.max_age_s = config.config.input.max_age_s.max(1.5 * longest_s);
+        config.config.sensor = set.sensor.iter().filter(|sensor| sensor.number > 0).map(installed).collect();
+        Ok(Self { name: name.into(), set, config })
     }
 }
 
-/// A sample of the process of this number.
-#[derive(Debug, Clone, Copy)]
-struct Sent {
-    arrival_ns: u64,
-    source: u128,
-    sample: Measurement,
+fn installed(sensor: &sim_publisher::sensor_set::SetSensor) -> SensorConfig {
+    SensorConfig {
+        name: sensor.name.clone(),
+        number: sensor.number,
+        lever_arm_m: sensor.lever_arm_m,
+        mounting_wxyz: sensor.mounting_wxyz,
+        velocity_noise_m_s: sensor.velocity_noise_m_s,
+        angular_velocity_noise_rad_s: sensor.angular_velocity_noise_rad_s,
+        specific_force_noise_m_s2: sensor.specific_force_noise_m_s2,
+        position_noise_m: sensor.position_noise_m,
+        attitude_noise_rad: sensor.attitude_noise_rad,
+        latency_s: if sensor.stamps_on_arrival { sensor.delay_s } else { 0.0 },
+        rate_hz: sensor.rate_hz,
+        outliers: Default::default(),
+    }
 }
 
 /// How a case is flown.
 #[derive(Debug, Clone, Copy, PartialEq)]
-enum Delivery {
+enum Run {
     AtOnce,
     Late,
     LateAndSilent,
     LateAndZeros,
+    LateWithOutliers { told: bool },
 }
 
 /// Errors and counts of one run.
 #[derive(Debug, Serialize)]
 struct Flown {
-    case: &'static str,
+    case: String,
     delivery: &'static str,
     velocity_rms_m_s: f64,
     /// The largest one.
@@ -155,16 +123,21 @@ struct Flown {
 /// # Errors
 /// A configuration that is refused.
 pub(crate) fn run(arguments: &SensorsArguments) -> anyhow::Result<()> {
-    let names = CaseName::value_variants().iter().copied();
-    let names = names.filter(|name| arguments.scenario.is_none_or(|only| only == *name));
+    let names = match &arguments.sensors {
+        Some(only) => vec![only.as_str()],
+        None => sim_publisher::SENSOR_SETS.map(|(name, _)| name).to_vec(),
+    };
     let mut flown = Vec::new();
-    for case in names.map(Case::of) {
+    for name in names {
+        let case = Case::of(name)?;
         let (truths, sent) = fly(&case, arguments.seed)?;
-        for delivery in [Delivery::AtOnce, Delivery::Late, Delivery::LateAndSilent] {
-            flown.push(estimate(&case, &truths, &sent, delivery)?);
+        let mut runs = vec![Run::AtOnce, Run::Late, Run::LateAndSilent];
+        if case.config.config.input.stuck == OutlierAction::Correction {
+            runs.push(Run::LateAndZeros);
         }
-        if ConfigFile::preset(case.preset)?.config.input.stuck == OutlierAction::Correction {
-            flown.push(estimate(&case, &truths, &sent, Delivery::LateAndZeros)?);
+        runs.extend([true, false].map(|told| Run::LateWithOutliers { told }));
+        for run in runs {
+            flown.push(estimate(&case, &truths, &sent, run)?);
         }
     }
     show(arguments.json, &flown, || {
@@ -188,106 +161,69 @@ pub(crate) fn run(arguments: &SensorsArguments) -> anyhow::Result<()> {
                 format!("{:.2}", flown.velocity_nees),
                 format!("{:.2}", flown.position_rms_m),
             ];
-            let names = [flown.case, flown.delivery].map(String::from);
+            let names = [flown.case.clone(), flown.delivery.into()];
             names.into_iter().chain(errors).chain(counts.map(|count| count.to_string())).collect::<Vec<_>>()
         };
         outln!("{}", table(&header, 2, flown.iter().map(row)));
     })
 }
 
-/// The truth, and what each sensor reads of it, in the order of the stamps.
-fn fly(case: &Case, seed: u64) -> anyhow::Result<(Vec<Truth>, Vec<Sent>)> {
-    let options = SimulationOptions {
-        duration_s: Some(FLIGHT_S),
-        rate_hz: case.rate_hz,
-        seed,
-        ..SimulationOptions::of(case.scenario)
-    };
-    let mut noises: Vec<_> = (0..).map(|k| Random(1000 * seed + k)).take(case.sensors.len()).collect();
+/// The truth, and what each sensor sends of it.
+fn fly(case: &Case, seed: u64) -> anyhow::Result<(Vec<Truth>, Vec<Delivery>)> {
     let (mut truths, mut sent) = (Vec::new(), Vec::new());
-    for (j, simulated) in (0_u64..).zip(Simulation::new(&options)?) {
-        let mut truth = simulated.truth;
-        truth.stamp_ns = START_NS + (j as f64 * 1e9 / case.rate_hz) as u64;
-        truths.push(truth);
-        let Some(command) = simulated.measurement else { continue };
-        for (source, (sensor, noise)) in (1..).zip(case.sensors.iter().zip(&mut noises)) {
-            if j.is_multiple_of(sensor.every) {
-                let sample = read(sensor, &truth, &command, j / sensor.every, noise);
-                let arrival_ns = truth.stamp_ns + (sensor.delay_s * 1e9) as u64;
-                sent.push(Sent { arrival_ns, source, sample });
-            }
-        }
+    for Outgoing { truth, delivery, .. } in case.set.fly(Some(FLIGHT_S), seed)? {
+        truths.extend(truth.map(|truth| Truth { stamp_ns: START_NS + truth.stamp_ns, ..truth }));
+        sent.extend(delivery.map(|sent| Delivery {
+            at_ns: START_NS + sent.at_ns,
+            measurement: Measurement { stamp_ns: START_NS + sent.measurement.stamp_ns, ..sent.measurement },
+            ..sent
+        }));
     }
     Ok((truths, sent))
 }
 
-fn read(
-    sensor: &Sensor,
-    truth: &Truth,
-    command: &Measurement,
-    sequence: u64,
-    random: &mut Random,
-) -> Measurement {
-    let [w, x, y, z] = truth.attitude_wxyz;
-    let attitude = UnitQuaternion::from_quaternion(Quaternion::new(w, x, y, z));
-    let [first, second] = sensor.noise.map(|noise| Vector3::from_fn(|_, _| noise * random.normal()));
-    let (velocity, position) = (Vector3::from(truth.velocity_m_s), Vector3::from(truth.position_m) + second);
-    let sample = Measurement::at(truth.stamp_ns, sequence);
-    match sensor.quantity {
-        Quantity::RatesAndAttitude => {
-            let told = (attitude * UnitQuaternion::new(second)).coords;
-            sample
-                .with_angular_velocity_rad_s((Vector3::from(truth.angular_velocity_rad_s) + first).into())
-                .with_attitude_wxyz([told.w, told.x, told.y, told.z])
-                .with_force_n(command.force_n)
-                .with_torque_n_m(command.torque_n_m)
-        }
-        Quantity::BodyVelocity => {
-            sample.with_body_velocity_m_s((attitude.inverse() * velocity + first).into())
-        }
-        Quantity::VelocityAndPosition => sample
-            .with_velocity_m_s((velocity + first).into())
-            .with_velocity_std_m_s([sensor.noise[0]; 3])
-            .with_position_m(position.into())
-            .with_position_std_m([sensor.noise[1]; 3]),
-        Quantity::Depth => {
-            sample.with_position_z_m(position.z).with_position_std_m([0.0, 0.0, sensor.noise[1]])
-        }
-        Quantity::Position => {
-            sample.with_position_m(position.into()).with_position_std_m([sensor.noise[1]; 3])
-        }
-    }
-}
-
 /// Runs the engine tick by tick, one for each instant of the truth.
-fn estimate(case: &Case, truths: &[Truth], sent: &[Sent], delivery: Delivery) -> anyhow::Result<Flown> {
-    let mut file = ConfigFile::preset(case.preset)?;
-    (file.config.rate_hz, file.config.input.max_age_s) = (case.rate_hz, case.max_age_s);
-    let mut engine = Engine::new(&file.config, assemble::estimator(&file)?);
-
-    let is_broken = |sent: &Sent| {
-        let t_s = (sent.sample.stamp_ns - START_NS) as f64 / 1e9;
-        sent.sample.has(valid::VELOCITY) && SILENT_S.contains(&t_s)
-    };
+fn estimate(case: &Case, truths: &[Truth], sent: &[Delivery], run: Run) -> anyhow::Result<Flown> {
+    let mut engine = Engine::new(&case.config.config, assemble::estimator(&case.config)?);
     let mut sent = sent.to_vec();
-    match delivery {
-        Delivery::AtOnce | Delivery::Late => {}
-        Delivery::LateAndSilent => sent.retain(|sent| !is_broken(sent)),
-        Delivery::LateAndZeros => {
-            let broken = sent.iter_mut().filter(|sent| is_broken(sent));
-            broken.for_each(|sent| sent.sample.velocity_m_s = [0.0; 3]);
+    let mut random = Random(77);
+    for sent in &mut sent {
+        let sample = &mut sent.measurement;
+        if !sample.has(valid::VELOCITY) {
+            continue;
+        }
+        let is_outlier = random.uniform() < 0.1;
+        let noise = Vector3::from_fn(|_, _| random.normal());
+        let sensor = &case.set.sensor[sent.source];
+        if let Run::LateWithOutliers { told } = run
+            && is_outlier
+        {
+            let more = 99.0_f64.sqrt() * sensor.velocity_noise_m_s * noise;
+            sample.velocity_m_s = (Vector3::from(sample.velocity_m_s) + more).into();
+            if told {
+                sample.velocity_std_m_s = [10.0 * sensor.velocity_noise_m_s; 3];
+            }
         }
     }
-    if delivery == Delivery::AtOnce {
-        sent.iter_mut().for_each(|sent| sent.arrival_ns = sent.sample.stamp_ns);
+    let is_broken = |sent: &Delivery| {
+        let t_s = (sent.measurement.stamp_ns - START_NS) as f64 / 1e9;
+        sent.measurement.has(valid::VELOCITY) && SILENT_S.contains(&t_s)
+    };
+    match run {
+        Run::AtOnce => sent.iter_mut().for_each(|sent| sent.at_ns = sent.measurement.stamp_ns),
+        Run::LateAndSilent => sent.retain(|sent| !is_broken(sent)),
+        Run::LateAndZeros => {
+            let broken = sent.iter_mut().filter(|sent| is_broken(sent));
+            broken.for_each(|sent| sent.measurement.velocity_m_s = [0.0; 3]);
+        }
+        Run::Late | Run::LateWithOutliers { .. } => {}
     }
-    sent.sort_by_key(|sent| sent.arrival_ns);
+    sent.sort_by_key(|sent| sent.at_ns);
     // What is silent is not lost: its driver does not count on.
-    let mut sequences = std::collections::BTreeMap::new();
+    let mut sequences = vec![0; case.set.sensor.len()];
     for sent in &mut sent {
-        let sequence = sequences.entry(sent.source).or_insert(0);
-        sent.sample.sequence = *sequence;
-        *sequence += 1;
+        sent.measurement.sequence = sequences[sent.source];
+        sequences[sent.source] += 1;
     }
 
     let mut arriving = sent.iter().peekable();
@@ -295,8 +231,8 @@ fn estimate(case: &Case, truths: &[Truth], sent: &[Sent], delivery: Delivery) ->
         (0, 0, 0.0, 0.0_f64, 0.0, 0.0);
     for truth in truths {
         engine.begin(truth.stamp_ns, 0);
-        while let Some(sent) = arriving.next_if(|sent| sent.arrival_ns <= truth.stamp_ns) {
-            engine.take(&sent.sample, sent.source);
+        while let Some(sent) = arriving.next_if(|sent| sent.at_ns <= truth.stamp_ns) {
+            engine.take(&sent.measurement, sent.source as u128);
             n_sent += 1;
         }
         let estimate: Estimate = engine.conclude();
@@ -316,12 +252,14 @@ fn estimate(case: &Case, truths: &[Truth], sent: &[Sent], delivery: Delivery) ->
     }
     let (counters, n) = (engine.counters(), f64::from(n));
     Ok(Flown {
-        case: case.name,
-        delivery: match delivery {
-            Delivery::AtOnce => "at once",
-            Delivery::Late => "late",
-            Delivery::LateAndSilent => "late, silent",
-            Delivery::LateAndZeros => "late, zeros",
+        case: case.name.clone(),
+        delivery: match run {
+            Run::AtOnce => "at once",
+            Run::Late => "late",
+            Run::LateAndSilent => "late, silent",
+            Run::LateAndZeros => "late, zeros",
+            Run::LateWithOutliers { told: true } => "late, outliers told",
+            Run::LateWithOutliers { told: false } => "late, outliers",
         },
         velocity_rms_m_s: f64::sqrt(squares / n),
         velocity_max_m_s: largest,
@@ -340,10 +278,10 @@ mod tests {
 
     #[test]
     fn late_samples_of_several_processes_are_all_used_and_cost_little() {
-        let case = Case::of(CaseName::AuvSurvey);
+        let case = Case::of("auv-survey").unwrap();
         let (truths, sent) = fly(&case, 2).unwrap();
-        let [at_once, late, zeros] = [Delivery::AtOnce, Delivery::Late, Delivery::LateAndZeros]
-            .map(|delivery| estimate(&case, &truths, &sent, delivery).unwrap());
+        let [at_once, late, zeros] = [Run::AtOnce, Run::Late, Run::LateAndZeros]
+            .map(|run| estimate(&case, &truths, &sent, run).unwrap());
         for flown in [&at_once, &late, &zeros] {
             let counts = (flown.samples_used, flown.samples_rejected, flown.samples_lost);
             assert_eq!(counts, (flown.samples_sent, 0, 0), "{flown:?}");

@@ -50,7 +50,9 @@ fn arrivals(scenario: Scenario, duration_s: f64, faults: &[&str]) -> Arrivals {
     let sent = Faulty::new(Simulation::new(&options).unwrap(), faults);
     let mut arrivals = Arrivals::new();
     for outgoing in sent {
-        let Some(Delivery { at_ns, mut measurement, clock_error_ns }) = outgoing.delivery else { continue };
+        let Some(Delivery { at_ns, mut measurement, clock_error_ns, .. }) = outgoing.delivery else {
+            continue;
+        };
         measurement.stamp_ns = (START_NS + measurement.stamp_ns).wrapping_add_signed(clock_error_ns);
         arrivals.push((START_NS + at_ns, 1, measurement));
     }

@@ -292,6 +292,9 @@ fn installed() -> &'static Path {
     static PREFIX: LazyLock<PathBuf> = LazyLock::new(|| {
         let prefix = Path::new(env!("CARGO_TARGET_TMPDIR")).join("c_client");
         let built = std::env::current_exe().unwrap().parent().unwrap().to_owned();
+        // Tests of other processes install it to the same place.
+        let lock = std::fs::File::create(prefix.with_extension("lock")).unwrap();
+        lock.lock().unwrap();
         let output = Command::new(of_the_client("install")).args([&prefix, &built]).output().unwrap();
         let Ended { code, log, .. } = Ended::from(output);
         assert_eq!(code, Some(0), "{log}");

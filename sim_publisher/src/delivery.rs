@@ -12,6 +12,8 @@ pub struct Delivery {
     pub measurement: Measurement,
     /// How far the source's clock is wrong (ns); ahead where positive.
     pub clock_error_ns: i64,
+    /// Which of the run's publishers sends it.
+    pub source: usize,
 }
 
 /// What is to be published at one instant; stamps count from the start.
@@ -35,13 +37,13 @@ impl From<Delivery> for Outgoing {
 
 impl From<Measurement> for Outgoing {
     fn from(measurement: Measurement) -> Self {
-        Delivery { at_ns: measurement.stamp_ns, measurement, clock_error_ns: 0 }.into()
+        Delivery { at_ns: measurement.stamp_ns, measurement, clock_error_ns: 0, source: 0 }.into()
     }
 }
 
 impl From<SimulatedSample> for Outgoing {
     fn from(sample: SimulatedSample) -> Self {
-        let SimulatedSample { measurement, truth } = sample;
+        let SimulatedSample { measurement, truth, .. } = sample;
         let delivery = measurement.and_then(|measurement| Self::from(measurement).delivery);
         Self { at_ns: truth.stamp_ns, truth: Some(truth), delivery, is_lost: measurement.is_none() }
     }

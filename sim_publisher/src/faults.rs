@@ -130,7 +130,7 @@ impl Faults {
         if at_ns > t_ns {
             self.active[self.blocked_by].samples += 1;
         }
-        let delivery = Delivery { at_ns, measurement: sample, clock_error_ns };
+        let delivery = Delivery { at_ns, measurement: sample, clock_error_ns, source: 0 };
         match self.overtaken.take() {
             None if waits => self.overtaken = Some(delivery),
             overtaken => {
@@ -305,7 +305,7 @@ impl<Source: Iterator<Item = SimulatedSample>> Iterator for Faulty<Source> {
         if let Some(due) = self.faults.take_due(next_ns.unwrap_or(u64::MAX)) {
             return Some(due.into());
         }
-        let SimulatedSample { truth, measurement } = self.source.next()?;
+        let SimulatedSample { truth, measurement, .. } = self.source.next()?;
         self.newest_ns = truth.stamp_ns;
         let is_lost = !measurement.is_some_and(|measurement| self.faults.pass(measurement));
         let mut first = Outgoing { at_ns: truth.stamp_ns, truth: Some(truth), delivery: None, is_lost };
@@ -399,7 +399,7 @@ mod tests {
             for delivery in deliveries {
                 let sample = plain[delivery.measurement.sequence as usize].measurement.unwrap();
                 let at_ns = sample.stamp_ns;
-                assert_eq!(delivery, Delivery { at_ns, measurement: sample, clock_error_ns: 0 });
+                assert_eq!(delivery, Delivery { at_ns, measurement: sample, clock_error_ns: 0, source: 0 });
             }
         }
         // 400 chances of 0.3: mean 120, standard deviation 9.2.

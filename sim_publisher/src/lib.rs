@@ -10,6 +10,7 @@
 //! | [`scenario`] | four vehicles: the paper's two examples, a quadcopter, an underwater vehicle |
 //! | [`disturbance`] | coloured noise: gusts, the variation of a current |
 //! | [`sensors`] | measurements of the truth: errors, instants, dropouts |
+//! | [`sensor_set`] | sensors of several processes, each with its rate, delay and place |
 //! | [`delivery`] | what is on its way to the service |
 //! | [`faults`] | injected faults: a pure stage between samples and publication |
 //! | [`simulation`] | an iterator over samples of plant, sensors and faults, without clock or files |
@@ -36,12 +37,14 @@ pub mod faults;
 pub mod plant;
 pub mod publish;
 pub mod scenario;
+pub mod sensor_set;
 pub mod sensors;
 pub mod simulation;
 pub mod supervise;
 
 pub use cli::main_with_args;
 pub use scenario::Scenario;
+pub use sensor_set::{SENSOR_SETS, SensorSet};
 pub use simulation::{SimulatedSample, Simulation, SimulationError, SimulationOptions};
 
 /// Whether the subcommand `mavlink` was built.

@@ -28,12 +28,14 @@ pub struct Pace {
     /// CLOCK_MONOTONIC of a start in the past (ns), of a run that another process began: what was due until now is
     /// skipped. `None` starts now.
     pub resumed_start_ns: Option<u64>,
+    /// How many publishers send at once: [`Delivery::source`] counts them.
+    pub n_sources: usize,
 }
 
 impl Pace {
     /// As fast as the stamps, from now on.
     pub fn live() -> Self {
-        Self { speed: 1.0, resumed_start_ns: None }
+        Self { speed: 1.0, resumed_start_ns: None, n_sources: 1 }
     }
 }
 
@@ -106,7 +108,9 @@ pub fn publish(
     let mut source = source.peekable();
     let has_truth = source.peek().is_some_and(|first| first.truth.is_some());
     let ports = Ports {
-        measurements: client.measurement_publisher()?,
+        measurements: (0..pace.n_sources)
+            .map(|_| client.measurement_publisher())
+            .collect::<Result<_, _>>()?,
         truths: has_truth.then(|| client.truth_publisher()).transpose()?,
     };
     wait_until(monotonic_ns() + SETTLING_NS, &ports, stop)?;
@@ -137,7 +141,7 @@ fn scaled(stamp_ns: u64, speed: f64) -> u64 {
 }
 
 struct Ports {
-    measurements: MeasurementPublisher,
+    measurements: Vec<MeasurementPublisher>,
     truths: Option<TruthPublisher>,
 }
 
@@ -147,14 +151,18 @@ impl Ports {
             port.publish(&Truth { stamp_ns: start_stamp_ns + truth.stamp_ns, ..truth })?;
         }
         match outgoing.delivery {
-            Some(Delivery { measurement, clock_error_ns, .. }) => {
+            Some(Delivery { measurement, clock_error_ns, source, .. }) => {
                 let true_stamp_ns = start_stamp_ns + measurement.stamp_ns;
                 let stamp_ns = true_stamp_ns.saturating_add_signed(clock_error_ns);
-                self.measurements.publish(&Measurement { stamp_ns, ..measurement })?;
+                self.measurements[source].publish(&Measurement { stamp_ns, ..measurement })?;
             }
-            None => self.measurements.update_connections()?,
+            None => self.update_connections()?,
         }
         Ok(())
+    }
+
+    fn update_connections(&self) -> Result<(), ClientError> {
+        self.measurements.iter().try_for_each(MeasurementPublisher::update_connections)
     }
 }
 
@@ -167,6 +175,17 @@ impl Published {
         }
         self.samples_dropped += u64::from(outgoing.is_lost);
         self.duration_ns = outgoing.at_ns;
+    }
+
+    /// Adds what another process published of the same run.
+    pub fn add(&mut self, other: &Self) {
+        self.samples_published += other.samples_published;
+        self.samples_skipped += other.samples_skipped;
+        self.samples_dropped += other.samples_dropped;
+        self.samples_late += other.samples_late;
+        self.largest_lateness_ns = self.largest_lateness_ns.max(other.largest_lateness_ns);
+        self.duration_ns = self.duration_ns.max(other.duration_ns);
+        self.stopped |= other.stopped;
     }
 
     fn skip(&mut self, overdue: &Outgoing) {
@@ -187,7 +206,7 @@ fn wait_until(deadline_ns: u64, ports: &Ports, stop: &AtomicBool) -> Result<bool
             return Ok(true);
         }
         if deadline_ns - now_ns > MAX_SLEEP_NS {
-            ports.measurements.update_connections()?;
+            ports.update_connections()?;
         }
         sleep_until_ns(deadline_ns.min(now_ns + MAX_SLEEP_NS));
     }

@@ -21,7 +21,8 @@ pub use definition::{Definition, Vehicle};
 use crate::plant::Nominal;
 
 /// Which vehicle, with which sensors.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum, serde::Deserialize)]
+#[serde(rename_all = "kebab-case")]
 pub enum Scenario {
     /// The paper's first example: a point mass with a velocity-dependent unknown force
     Translation,

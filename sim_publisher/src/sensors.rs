@@ -22,6 +22,8 @@ pub(crate) enum Chance {
     Dropouts,
     /// The fault of this index.
     Faults(u64),
+    /// The sensor of this place in a set.
+    Sensor(u64),
 }
 
 impl Chance {
@@ -37,6 +39,7 @@ impl Chance {
             Self::Jitter => 5,
             Self::Dropouts => 6,
             Self::Faults(index) => 7 + index,
+            Self::Sensor(place) => (1 << 32) + place,
         });
         random
     }

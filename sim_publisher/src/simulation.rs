@@ -5,7 +5,7 @@
 //! until `t_{j+1}`. The truth beside a sample is the true state at `t_j`, with f and ξ of the same instant.
 
 use crate::disturbance::GaussMarkov;
-use crate::plant::{State, integrate};
+use crate::plant::{State, Wrench, integrate};
 use crate::scenario::{Definition, Scenario};
 use crate::sensors::{Chance, Losses, Outage, SampleTimes, Schedule, Sensors, VectorSensor, stamp_ns, wxyz};
 use nalgebra::Vector3;
@@ -121,7 +121,14 @@ pub struct SimulatedSample {
     pub measurement: Option<Measurement>,
     /// The true state; stamps count from the start of the run.
     pub truth: Truth,
+    /// What is commanded from then on, the force along inertial axes.
+    pub command: Wrench,
+    /// What an ideal accelerometer at the center of mass reads, body axes (m/s²); gravity is 9.81 m/s² along z.
+    pub specific_force_m_s2: Vector3<f64>,
 }
+
+/// Gravity of a vehicle outside of the paper: inertial axes, z down (m/s²).
+const GRAVITY_M_S2: Vector3<f64> = Vector3::new(0.0, 0.0, 9.81);
 
 /// A run of a scenario.
 #[derive(Debug)]
@@ -264,6 +271,8 @@ impl Iterator for Simulation {
             unmatched_force_n: unknown.unmatched.force_n.into(),
             unmatched_torque_n_m: unknown.unmatched.torque_n_m.into(),
         };
+        let acceleration = vehicle.acceleration(&state, &command, &self.disturbance_value);
+        let specific_force_m_s2 = state.rotation().inverse() * (acceleration.linear_m_s2 - GRAVITY_M_S2);
         let noise = self.sensors.draw();
         let is_lost = self.losses.loses(t_s);
         let measurement = (!is_lost).then(|| self.sensors.measure(sequence, t_s, &noise, &state, &command));
@@ -276,7 +285,7 @@ impl Iterator for Simulation {
             self.disturbance_value =
                 process.next(&self.disturbance_value, step_s, &mut self.disturbance_chance);
         }
-        Some(SimulatedSample { measurement, truth })
+        Some(SimulatedSample { measurement, truth, command, specific_force_m_s2 })
     }
 }
 

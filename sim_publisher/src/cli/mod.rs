@@ -3,6 +3,7 @@
 //! | file | holds |
 //! |---|---|
 //! | `run`, `replay`, `inspect`, `mavlink` | one subcommand each |
+//! | `run_set` | `run --sensors` |
 //! | `arguments` | arguments that several commands have, those of `bench` included |
 //! | `target` | the target service, the end of a run, its errors |
 
@@ -12,6 +13,7 @@ mod inspect;
 mod mavlink;
 mod replay;
 mod run;
+mod run_set;
 mod target;
 
 pub use arguments::ImportArguments;
@@ -49,6 +51,8 @@ Examples:
   # Samples that come late, get lost, and stay away
   sim_publisher run --scenario auv --dropout-probability 0.02 \\
       --jitter-us 300 --outage 10:0.5 --outage 20:1
+  # A process for each sensor: a Doppler log 150 ms late, a USBL 1 s
+  sim_publisher run --sensors auv-survey --processes --duration 60
   # As a table, at once
   sim_publisher run --scenario auv --duration 60 --table dive.csv
   # Spikes, then a killed vehicle's process; a summary for scripts

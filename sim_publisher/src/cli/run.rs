@@ -1,11 +1,13 @@
 //! `sim_publisher run`: simulates a vehicle with its sensors and faults.
 
 use super::arguments::parse_axes;
+use super::run_set::run_set;
 use super::target::{Failure, TargetArgs, publish_source, report};
 use crate::delivery::Outgoing;
 use crate::faults::{Fault, Faults, Faulty, Reach, Tally, check_faults, read_faults};
 use crate::publish::{Pace, Published};
 use crate::scenario::Scenario;
+use crate::sensor_set::SENSOR_SETS;
 use crate::sensors::Outage;
 use crate::simulation::{DEFAULT_RATE_HZ, Simulation, SimulationOptions};
 use crate::supervise::{self, Message, Supervised, supervise};
@@ -20,17 +22,31 @@ use std::path::{Path, PathBuf};
 #[derive(Debug, Args)]
 pub(super) struct RunArgs {
     /// Which vehicle
-    #[arg(long, value_enum)]
-    scenario: Scenario,
+    #[arg(long, value_enum, required_unless_present = "sensors")]
+    scenario: Option<Scenario>,
+    #[arg(long, value_name = "NAME|FILE", help = sensors_help(), conflicts_with_all = [
+        "scenario", "rate_hz", "velocity_noise_m_s", "angular_velocity_noise_rad_s", "velocity_bias_m_s",
+        "jitter_us", "dropout_probability", "outage", "position_fix_hz", "calm", "faults", "table",
+    ])]
+    sensors: Option<String>,
+    /// With --sensors: each in a process of its own, instead of a publisher of its own
+    #[arg(long, requires = "sensors", conflicts_with = "only")]
+    pub(super) processes: bool,
+    /// With --sensors: this one alone
+    #[arg(long, value_name = "NAME", requires = "sensors")]
+    pub(super) only: Option<String>,
+    /// The start that the processes of all sensors share
+    #[arg(long, hide = true, requires = "only")]
+    pub(super) start_ns: Option<u64>,
     /// Length of the run in s [default: until Ctrl-C]
     #[arg(long, visible_alias = "duration-s", value_name = "S")]
-    duration: Option<f64>,
+    pub(super) duration: Option<f64>,
     /// Rate of the samples
     #[arg(long, value_name = "HZ", default_value_t = DEFAULT_RATE_HZ)]
     rate_hz: f64,
     /// Seed of all chance: the same options give the same samples
     #[arg(long, default_value_t = 1)]
-    seed: u64,
+    pub(super) seed: u64,
     /// White noise of the velocity, standard deviation of each axis [default: the scenario's]
     #[arg(long, value_name = "M_S")]
     velocity_noise_m_s: Option<f64>,
@@ -71,12 +87,19 @@ pub(super) struct RunArgs {
     #[arg(long, hide = true, default_value_t = u64::MAX)]
     dead_since_ns: u64,
     #[command(flatten)]
-    target: TargetArgs,
+    pub(super) target: TargetArgs,
 }
 
-fn options(args: &RunArgs) -> SimulationOptions {
+fn sensors_help() -> String {
+    let names = SENSOR_SETS.map(|(name, _)| name).join(", ");
+    format!(
+        "Sensors of several processes, each with its rate, delay and place: a built-in set ({names}), or a file like it"
+    )
+}
+
+fn options(args: &RunArgs, scenario: Scenario) -> SimulationOptions {
     SimulationOptions {
-        scenario: args.scenario,
+        scenario,
         rate_hz: args.rate_hz,
         duration_s: args.duration,
         seed: args.seed,
@@ -104,13 +127,17 @@ fn faults(args: &RunArgs, options: &SimulationOptions) -> Result<Vec<Fault>, Fai
 }
 
 pub(super) fn run(args: &RunArgs) -> Result<(), Failure> {
-    let options = options(args);
+    if let Some(name) = &args.sensors {
+        return run_set(name, args);
+    }
+    let Some(scenario) = args.scenario else { return Err(Failure::Usage("--scenario or --sensors".into())) };
+    let options = options(args, scenario);
     let simulation = Simulation::new(&options)?;
     let faults = faults(args, &options)?;
     if let Some(path) = &args.table {
         return write_samples(path, simulation, &faults, args);
     }
-    let (name, rate_hz, seed) = (args.scenario.name(), args.rate_hz, args.seed);
+    let (name, rate_hz, seed) = (scenario.name(), args.rate_hz, args.seed);
     let (published, tallies) = if supervise::is_needed(&faults) && !args.worker {
         let arguments: Vec<OsString> = std::env::args_os().skip(1).collect();
         let Supervised { published, tallies } = supervise(&arguments, &faults, &*stop_flag()?)?;
@@ -229,8 +256,8 @@ mod tests {
             dropout_probability: 0.1,
             outages: vec![Outage { start_s: 1.0, length_s: 0.5 }, Outage { start_s: 2.0, length_s: 0.25 }],
         };
-        assert_eq!(options(&args), expected);
+        assert_eq!(options(&args, args.scenario.unwrap()), expected);
         let args = Line::parse_from(["run", "--scenario", "auv"]).args;
-        assert_eq!(options(&args), SimulationOptions::of(Scenario::Auv));
+        assert_eq!(options(&args, Scenario::Auv), SimulationOptions::of(Scenario::Auv));
     }
 }

@@ -3,6 +3,7 @@
 use crate::delivery::Outgoing;
 use crate::faults::FaultError;
 use crate::publish::{Pace, Published, connect, publish};
+use crate::sensor_set::SensorSetError;
 use crate::simulation::SimulationError;
 use crate::supervise::SuperviseError;
 use clap::Args;
@@ -44,6 +45,10 @@ pub(super) enum Failure {
     #[cfg(feature = "mavlink")]
     #[error(transparent)]
     Mavlink(#[from] mavlink_bridge::MavlinkError),
+    #[error(transparent)]
+    SensorSet(#[from] SensorSetError),
+    #[error("{0}")]
+    Worker(String),
     #[error("{0}")]
     Usage(String),
     #[error("cannot write '{path}': {cause}")]
@@ -60,8 +65,17 @@ impl Failure {
             Self::Supervise(SuperviseError::Ended(code)) => u8::try_from(*code).unwrap_or(1),
             #[cfg(feature = "mavlink")]
             Self::Mavlink(_) => 1,
-            Self::Client(_) | Self::Signals(_) | Self::Supervise(_) | Self::Table { .. } => 1,
-            Self::Simulation(_) | Self::Faults(_) | Self::Import(_) | Self::Domain(_) | Self::Usage(_) => 2,
+            Self::Client(_)
+            | Self::Signals(_)
+            | Self::Supervise(_)
+            | Self::Worker(_)
+            | Self::Table { .. } => 1,
+            Self::SensorSet(_)
+            | Self::Simulation(_)
+            | Self::Faults(_)
+            | Self::Import(_)
+            | Self::Domain(_)
+            | Self::Usage(_) => 2,
         }
     }
 }
