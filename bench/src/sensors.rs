@@ -9,7 +9,9 @@
 //! | late, silent | likewise, and the velocity's sensor says nothing for a minute while commands flow |
 //! | late, zeros | likewise, and it repeats exact zeros, as if they were valid; where the preset expects that |
 //!
-//! | late, outliers | likewise, and a tenth of the velocities has ten times the noise, of which they say nothing |
+//! | late, outliers told | likewise, and a tenth of the velocities has ten times the noise, and says so |
+//! | late, outliers | likewise, and they do not say so |
+//! | late, outliers rejected | likewise, and the sensor has `outliers = "reject"` |
 //!
 //! The sensors are those of `sim_publisher run --sensors`. The estimate of each tick is compared with the truth of that instant, after the first minute.
 
@@ -17,7 +19,7 @@ use crate::harness::output::{show, table};
 use crate::harness::random::Random;
 use clap::Args;
 use daemon::assemble;
-use daemon::config::{ConfigFile, OutlierAction, SensorConfig};
+use daemon::config::{ConfigFile, OutlierAction, OutlierWeight, SensorConfig};
 use daemon::engine::Engine;
 use nalgebra::Vector3;
 use serde::Serialize;
@@ -87,7 +89,7 @@ fn installed(sensor: &sim_publisher::sensor_set::SetSensor) -> SensorConfig {
         attitude_noise_rad: sensor.attitude_noise_rad,
         latency_s: if sensor.stamps_on_arrival { sensor.delay_s } else { 0.0 },
         rate_hz: sensor.rate_hz,
-        outliers: Default::default(),
+        outliers: OutlierWeight::Weigh,
     }
 }
 
@@ -98,7 +100,18 @@ enum Run {
     Late,
     LateAndSilent,
     LateAndZeros,
-    LateWithOutliers { told: bool },
+    LateWithOutliers(Outliers),
+}
+
+/// What is known of the outliers.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Outliers {
+    /// Their samples tell their noise.
+    Told,
+    /// Nothing.
+    Untold,
+    /// Nothing, but the configuration rejects outliers of sensors that have a number.
+    Rejected,
 }
 
 /// Errors and counts of one run.
@@ -135,7 +148,7 @@ pub(crate) fn run(arguments: &SensorsArguments) -> anyhow::Result<()> {
         if case.config.config.input.stuck == OutlierAction::Correction {
             runs.push(Run::LateAndZeros);
         }
-        runs.extend([true, false].map(|told| Run::LateWithOutliers { told }));
+        runs.extend([Outliers::Told, Outliers::Untold, Outliers::Rejected].map(Run::LateWithOutliers));
         for run in runs {
             flown.push(estimate(&case, &truths, &sent, run)?);
         }
@@ -184,7 +197,11 @@ fn fly(case: &Case, seed: u64) -> anyhow::Result<(Vec<Truth>, Vec<Delivery>)> {
 
 /// Runs the engine tick by tick, one for each instant of the truth.
 fn estimate(case: &Case, truths: &[Truth], sent: &[Delivery], run: Run) -> anyhow::Result<Flown> {
-    let mut engine = Engine::new(&case.config.config, assemble::estimator(&case.config)?);
+    let mut config = case.config.config.clone();
+    if run == Run::LateWithOutliers(Outliers::Rejected) {
+        config.sensor.iter_mut().for_each(|sensor| sensor.outliers = OutlierWeight::Reject);
+    }
+    let mut engine = Engine::new(&config, assemble::estimator(&case.config)?);
     let mut sent = sent.to_vec();
     let mut random = Random(77);
     for sent in &mut sent {
@@ -195,12 +212,12 @@ fn estimate(case: &Case, truths: &[Truth], sent: &[Delivery], run: Run) -> anyho
         let is_outlier = random.uniform() < 0.1;
         let noise = Vector3::from_fn(|_, _| random.normal());
         let sensor = &case.set.sensor[sent.source];
-        if let Run::LateWithOutliers { told } = run
+        if let Run::LateWithOutliers(outliers) = run
             && is_outlier
         {
             let more = 99.0_f64.sqrt() * sensor.velocity_noise_m_s * noise;
             sample.velocity_m_s = (Vector3::from(sample.velocity_m_s) + more).into();
-            if told {
+            if outliers == Outliers::Told {
                 sample.velocity_std_m_s = [10.0 * sensor.velocity_noise_m_s; 3];
             }
         }
@@ -216,7 +233,7 @@ fn estimate(case: &Case, truths: &[Truth], sent: &[Delivery], run: Run) -> anyho
             let broken = sent.iter_mut().filter(|sent| is_broken(sent));
             broken.for_each(|sent| sent.measurement.velocity_m_s = [0.0; 3]);
         }
-        Run::Late | Run::LateWithOutliers { .. } => {}
+        Run::Late | Run::LateWithOutliers(_) => {}
     }
     sent.sort_by_key(|sent| sent.at_ns);
     // What is silent is not lost: its driver does not count on.
@@ -258,8 +275,9 @@ fn estimate(case: &Case, truths: &[Truth], sent: &[Delivery], run: Run) -> anyho
             Run::Late => "late",
             Run::LateAndSilent => "late, silent",
             Run::LateAndZeros => "late, zeros",
-            Run::LateWithOutliers { told: true } => "late, outliers told",
-            Run::LateWithOutliers { told: false } => "late, outliers",
+            Run::LateWithOutliers(Outliers::Told) => "late, outliers told",
+            Run::LateWithOutliers(Outliers::Untold) => "late, outliers",
+            Run::LateWithOutliers(Outliers::Rejected) => "late, outliers rejected",
         },
         velocity_rms_m_s: f64::sqrt(squares / n),
         velocity_max_m_s: largest,

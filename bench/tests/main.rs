@@ -5,6 +5,7 @@
 
 mod commands;
 mod documents;
+mod dvl;
 mod faults;
 mod latency;
 mod logs;

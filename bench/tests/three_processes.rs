@@ -157,3 +157,39 @@ fn a_process_that_is_killed_comes_back() {
 fn processes_that_are_killed_a_thousand_times_come_back() {
     kill_at_any_time(334);
 }
+
+/// A process for each sensor: rates, a Doppler log 150 ms late, depth, a USBL a second late.
+#[test]
+fn every_sample_of_every_sensor_s_process_is_accounted_for() {
+    let domain = TestDomain::new();
+    let directory = tempfile::tempdir().unwrap();
+    let config = directory.path().join("auv.toml");
+    let preset = include_str!("../../daemon/presets/auv.toml").replace("[input]", "[input]\nmax_age_s = 1.5");
+    std::fs::write(&config, preset).unwrap();
+    let daemon = BENCH.start(&domain, &["daemon", "run", "--config", config.to_str().unwrap(), "--fresh"]);
+    let client = domain.client();
+    let run =
+        ["sim_publisher", "run", "--sensors", "auv-survey", "--processes", "--duration", "11", "--json"];
+    let vehicle = BENCH.start(&domain, &run);
+    let sent: serde_json::Value = serde_json::from_str(&vehicle.finish_within(2 * PATIENCE).ok()).unwrap();
+    std::thread::sleep(Duration::from_millis(200));
+    let status = status(&client);
+    let mut rows: Vec<_> = status.sources().collect();
+    rows.sort_by_key(|row| std::cmp::Reverse(row.accepted + row.rejected + row.lost));
+    println!("{sent} {rows:#?}");
+    let all = |row: &shared_types::payload::SourceStatus| row.accepted + row.lost + row.rejected;
+    assert_eq!(rows.iter().map(all).collect::<Vec<_>>(), [1100, 110, 55, 3]);
+    assert_eq!(sent["samples_published"], 1268);
+    // A loop that a busy machine kept from its processor turns samples away; nothing else does.
+    let turned_away =
+        status.counters.rejected(Rejection::Overload) + status.counters.rejected(Rejection::TooOld);
+    assert_eq!(status.counters.samples_rejected_total(), turned_away);
+    // They have ended by now.
+    assert!(rows.iter().all(|row| row.pid == 0));
+    let ms = |ns: u64| ns / 1_000_000;
+    assert!((150..220).contains(&ms(rows[2].delay_ns)) && rows[2].sensor == 1, "{:?}", rows[2]);
+    assert!((1000..1100).contains(&ms(rows[3].delay_ns)), "{:?}", rows[3]);
+    drop(client);
+    daemon.stop().ok();
+    domain.assert_clean();
+}

@@ -14,6 +14,7 @@
 //! | [`delivery`] | what is on its way to the service |
 //! | [`faults`] | injected faults: a pure stage between samples and publication |
 //! | [`simulation`] | an iterator over samples of plant, sensors and faults, without clock or files |
+//! | [`dvl`] | a Doppler log over TCP as samples |
 //! | [`publish`] | publishing samples in shared memory, each at its stamp |
 //! | [`supervise`] | stopping, killing and restarting the publishing process, as a fault |
 //! | [`cli`] | the command line; no other file imports it |
@@ -33,6 +34,7 @@
 pub mod cli;
 pub mod delivery;
 pub mod disturbance;
+pub mod dvl;
 pub mod faults;
 pub mod plant;
 pub mod publish;

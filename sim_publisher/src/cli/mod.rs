@@ -2,12 +2,13 @@
 //!
 //! | file | holds |
 //! |---|---|
-//! | `run`, `replay`, `inspect`, `mavlink` | one subcommand each |
+//! | `run`, `replay`, `inspect`, `dvl`, `mavlink` | one subcommand each |
 //! | `run_set` | `run --sensors` |
 //! | `arguments` | arguments that several commands have, those of `bench` included |
 //! | `target` | the target service, the end of a run, its errors |
 
 mod arguments;
+mod dvl;
 mod inspect;
 #[cfg(feature = "mavlink")]
 mod mavlink;
@@ -85,6 +86,19 @@ Examples:
   sim_publisher inspect flight.ulg
   sim_publisher inspect flight.csv --column time_s=t --json")]
     Inspect(inspect::InspectArgs),
+    /// Publishes the velocities of a Doppler log: Water Linked's JSON over TCP (A50, A125)
+    #[command(after_help = "\
+Velocity reports with bottom lock become samples, as old as their times of
+validity and transmission say, and as sure as their covariance or figure of merit.
+Dead reckoning is ignored.
+
+Examples:
+  # The log's own server; its place on the vehicle is [[sensor]] number 1
+  sim_publisher dvl --connect tcp:192.168.2.95:16171 --sensor 1
+  # Keep what comes, and play it again
+  sim_publisher dvl --connect tcp:192.168.2.95 --record dive.jsonl
+  sim_publisher dvl --replay dive.jsonl")]
+    Dvl(dvl::DvlArgs),
     /// Bridges to a live vehicle: its MAVLink messages as samples, the estimate back
     #[cfg(feature = "mavlink")]
     #[command(after_help = "\
@@ -121,6 +135,7 @@ pub fn main_with_args(args: impl IntoIterator<Item = OsString>) -> ExitCode {
     let outcome = match cli.command {
         Command::Run(args) => run::run(&args),
         Command::Replay(args) => replay::replay(&args),
+        Command::Dvl(args) => dvl::dvl(&args),
         Command::Inspect(args) => inspect::inspect(&args),
         #[cfg(feature = "mavlink")]
         Command::Mavlink(args) => mavlink::mavlink(&args),

@@ -1,6 +1,7 @@
 //! What the subcommands share: the target service, the end of a run, and its errors.
 
 use crate::delivery::Outgoing;
+use crate::dvl::DvlError;
 use crate::faults::FaultError;
 use crate::publish::{Pace, Published, connect, publish};
 use crate::sensor_set::SensorSetError;
@@ -47,6 +48,8 @@ pub(super) enum Failure {
     Mavlink(#[from] mavlink_bridge::MavlinkError),
     #[error(transparent)]
     SensorSet(#[from] SensorSetError),
+    #[error(transparent)]
+    Dvl(#[from] DvlError),
     #[error("{0}")]
     Worker(String),
     #[error("{0}")]
@@ -69,6 +72,7 @@ impl Failure {
             | Self::Signals(_)
             | Self::Supervise(_)
             | Self::Worker(_)
+            | Self::Dvl(_)
             | Self::Table { .. } => 1,
             Self::SensorSet(_)
             | Self::Simulation(_)

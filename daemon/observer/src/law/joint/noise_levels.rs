@@ -2,7 +2,7 @@
 //!
 //! ρ scales the sensor's variance, λ the process's (q and σ_d²). Both take likelihood steps in innovation form.
 
-use super::sensor::MAX_SENSORS;
+use super::sensor::{MAX_SENSORS, Outliers, SensorUse};
 use serde::{Deserialize, Serialize};
 
 const SENSOR_RANGE: (f64, f64) = (0.01, 100.0);
@@ -63,7 +63,7 @@ impl NoiseLevels {
         }
     }
 
-    /// Follows the innovations of one velocity sample of the sensor at this place; Δ is the time since the sample before (s), 0 at the first.
+    /// Follows the innovations of one velocity sample of this sensor; Δ is the time since the sample before (s), 0 at the first.
     ///
     /// ```text
     /// A² = Σ c² P_00 (1−K) (K/Δ)² max(1, λ^{−3/2})
@@ -76,7 +76,7 @@ impl NoiseLevels {
         innovations: &[Option<Innovation>; 3],
         mean_square: f64,
         (since_s, n_samples, correction_share): (f64, f64, f64),
-        place: usize,
+        sensor: SensorUse,
     ) {
         let gains = innovations.map(|innovation| innovation.map(|i| i.gain()));
         let each = || innovations.iter().zip(&gains).filter_map(|(i, gain)| i.as_ref().zip(*gain));
@@ -96,8 +96,12 @@ impl NoiseLevels {
         let gain = each().map(|(_, gain)| gain).sum::<f64>() / n;
         let correlation = innovations.iter().zip(&self.sensitivity);
         let correlation = correlation.filter_map(|(i, m)| i.as_ref().map(|i| i.value * m / i.variance));
-        let by_scale = (chi * chi * mean_square - 1.0) / n_samples;
-        let by_gain = chi * correlation.sum::<f64>() / (n * n_samples * (gain / (2.0 - gain)).max(1e-3));
+        // What is rejected says little of the noise of the others.
+        let trust = if sensor.outliers == Outliers::Reject { chi * chi } else { 1.0 };
+        let place = sensor.place;
+        let by_scale = trust * (chi * chi * mean_square - 1.0) / n_samples;
+        let by_gain =
+            trust * chi * correlation.sum::<f64>() / (n * n_samples * (gain / (2.0 - gain)).max(1e-3));
         let sensor = self.sensor[place] * (by_scale - gain / (1.0 - gain).max(0.05) * by_gain).exp();
         self.sensor[place] = sensor.clamp(SENSOR_RANGE.0, SENSOR_RANGE.1);
         if self.comes_most_often(place) {

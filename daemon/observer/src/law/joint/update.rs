@@ -76,7 +76,7 @@ impl JointFilter {
         let innovations = innovations(state, VELOCITY, velocity, deviations, noise);
         let nis = mean_of(&innovations, Innovation::normalized_square);
         let adaptation = (since_s, self.design.noise_samples, self.design.excitation.correction_share);
-        state.scalars.noise_levels.follow(&innovations, nis, adaptation, sensor.place);
+        state.scalars.noise_levels.follow(&innovations, nis, adaptation, sensor);
         let is_new = state.scalars.stray_velocities.count(nis);
         let weighing = Weighing::of(&innovations, nis, is_new, sensor.outliers);
         if weighing.is_used {
