@@ -10,9 +10,10 @@
 //!
 //! The lever arm is the observer's: it needs the estimated attitude and angular velocity of that instant.
 
-use crate::config::{OutlierWeight, SensorConfig};
+use crate::config::{InputConfig, OutlierWeight, SensorConfig};
+use crate::gate::sample_of;
 use nalgebra::{Matrix3, Quaternion, UnitQuaternion, Vector3};
-use observer::{MAX_SENSORS, Outliers, SensorUse};
+use observer::{MAX_SENSORS, Outliers, Sample, SensorUse};
 use shared_types::Measurement;
 use shared_types::payload::{Rejection, absent, frame, valid};
 
@@ -66,6 +67,15 @@ impl Sensors {
         let sensor = self.of_number.get(measurement.sensor as usize).copied().flatten();
         let sensor = sensor.ok_or(Rejection::UnknownSensor)?;
         Ok((sensor.in_body_axes(measurement)?, sensor.installed))
+    }
+
+    /// The measurement as a sample for the observer of the rigid body.
+    ///
+    /// # Errors
+    /// As [`Sensors::read`] and [`sample_of`].
+    pub fn sample(&self, measurement: &Measurement, limits: &InputConfig) -> Result<Sample, Rejection> {
+        let (measurement, Installed { lever_arm_m, sensor }) = self.read(measurement)?;
+        Ok(Sample { lever_arm_m, sensor, ..sample_of(&measurement, limits)? })
     }
 }
 

@@ -4,8 +4,8 @@ use super::accuracy::Flight;
 use anyhow::Context;
 use clap::Args;
 use daemon::config::ConfigFile;
-use daemon::gate::sample_of;
 use daemon::replay::config_of;
+use daemon::sensors::Sensors;
 use flight_record::{Frame, Reader};
 use importers::read_flight;
 use shared_types::logln;
@@ -38,6 +38,17 @@ pub(crate) struct Replay {
 }
 
 impl FlightArguments {
+    /// The configuration: the one that is named, else the one that goes with the file's format.
+    pub(crate) fn configuration(&self) -> anyhow::Result<ConfigFile> {
+        match (&self.config, &self.preset, self.import.importer()?.format().name) {
+            (Some(path), _, _) => Ok(ConfigFile::read(path)?),
+            (None, Some(name), _) => Ok(ConfigFile::preset(name)?),
+            (None, None, "acsl") => Ok(ConfigFile::preset("acsl-x8")?),
+            (None, None, "record") => configuration_of_record(self.file()),
+            (None, None, _) => Ok(ConfigFile::preset("rigid-body")?),
+        }
+    }
+
     /// The file of the flight.
     pub(crate) fn file(&self) -> &Path {
         &self.import.file
@@ -46,19 +57,14 @@ impl FlightArguments {
     /// Reads both; of the flight the part in the air, where its format tells.
     pub(crate) fn read(&self) -> anyhow::Result<Replay> {
         let importer = self.import.importer()?;
-        let config = match (&self.config, &self.preset, importer.format().name) {
-            (Some(path), _, _) => ConfigFile::read(path)?,
-            (None, Some(name), _) => ConfigFile::preset(name)?,
-            (None, None, "acsl") => ConfigFile::preset("acsl-x8")?,
-            (None, None, "record") => configuration_of_record(self.file())?,
-            (None, None, _) => ConfigFile::preset("rigid-body")?,
-        };
+        let config = self.configuration()?;
         let flight = read_flight(importer, self.file(), &self.import.options()?)?;
         let file = self.file().display();
         flight.findings().iter().for_each(|finding| logln!("'{file}': {finding}"));
         let flown = flight.airborne_only().unwrap_or(flight);
-        let samples: Vec<_> =
-            flown.samples.iter().filter_map(|m| sample_of(m, &config.config.input).ok()).collect();
+        let sensors = Sensors::new(&config.config.sensor);
+        let read = flown.samples.iter().filter_map(|m| sensors.sample(m, &config.config.input).ok());
+        let samples: Vec<_> = read.collect();
         Ok(Replay {
             samples_rejected: flown.samples.len() - samples.len(),
             rows_skipped: flown.skipped_rows(),

@@ -7,5 +7,6 @@ mod candidate;
 mod check;
 pub(crate) mod replay;
 mod search;
+mod sensor;
 mod trace;
 pub(crate) mod tune;

@@ -5,6 +5,7 @@ use super::accuracy::{Flight, ObserverEstimator, best, evaluate, evaluate_kalman
 use super::arguments::{FlightArguments, Replay};
 use super::candidate::Numbers;
 use super::search::Search;
+use super::sensor;
 use crate::harness::output::{progress_bar, show, table};
 use anyhow::{Context, ensure};
 use clap::Args;
@@ -20,6 +21,9 @@ use std::path::PathBuf;
 pub(crate) struct TuneArguments {
     #[command(flatten)]
     flight: FlightArguments,
+    /// Of a flight record: find lever arm and latency of the velocity sensor of this number instead.
+    #[arg(long, value_name = "N", conflicts_with = "mass")]
+    sensor: Option<u32>,
     /// Search the nominal mass too, within a quarter of its value: for a vehicle that was not weighed as it flies.
     #[arg(long)]
     mass: bool,
@@ -71,6 +75,10 @@ struct Document {
 
 /// Runs `bench tune`.
 pub(crate) fn run(arguments: &TuneArguments) -> anyhow::Result<()> {
+    if let Some(number) = arguments.sensor {
+        let start = arguments.flight.configuration()?;
+        return sensor::tune(&start, arguments.flight.file(), number, &arguments.out, arguments.json);
+    }
     let weight = arguments.coast_weight;
     ensure!((0.0..=1.0).contains(&weight), "--coast-weight {weight}: needed: 0 … 1");
     let Replay { config: start, flight, .. } = arguments.flight.read()?;
