@@ -26,6 +26,7 @@ use serde::Serialize;
 use shared_types::payload::valid;
 use shared_types::{Estimate, Measurement, Truth, outln};
 use sim_publisher::delivery::{Delivery, Outgoing};
+use sim_publisher::sensor_set::{Quantity, SetSensor};
 use sim_publisher::{Scenario, SensorSet};
 
 const START_NS: u64 = 1_000_000_000_000;
@@ -67,16 +68,29 @@ impl Case {
             Scenario::Translation => "paper-translation-joint",
             Scenario::Rotation => "paper-rotation",
         })?;
+        let velocity = |sensor: &&SetSensor| {
+            sensor.measures.iter().any(|q| [Quantity::Velocity, Quantity::BodyVelocity].contains(q))
+        };
+        let rates_hz = set.sensor.iter().filter(velocity).map(|sensor| sensor.rate_hz);
+        if let Some(translation) = &mut config.config.translation {
+            translation.sample_rate_hz = rates_hz.reduce(f64::max);
+        }
         let longest_s = set.sensor.iter().map(|sensor| sensor.delay_s + sensor.delay_jitter_s);
         let longest_s = longest_s.fold(0.0, f64::max);
         config.config.rate_hz = set.rate_hz;
         config.config.input.max_age_s = config.config.input.max_age_s.max(1.5 * longest_s);
+        if let (Some(translation), Some(noise_m_s2)) = (
+            &mut config.config.translation,
+            set.sensor.iter().map(|s| s.specific_force_noise_m_s2).find(|n| *n > 0.0),
+        ) {
+            translation.joint.specific_force_noise_m_s2 = noise_m_s2;
+        }
         config.config.sensor = set.sensor.iter().filter(|sensor| sensor.number > 0).map(installed).collect();
         Ok(Self { name: name.into(), set, config })
     }
 }
 
-fn installed(sensor: &sim_publisher::sensor_set::SetSensor) -> SensorConfig {
+fn installed(sensor: &SetSensor) -> SensorConfig {
     SensorConfig {
         name: sensor.name.clone(),
         number: sensor.number,

@@ -10,11 +10,11 @@ use crate::config::{
 use crate::estimator::Estimator;
 use nalgebra::{DMatrix, DVector, Matrix3, Quaternion, UnitQuaternion, Vector3};
 use observer::{
-    Centers, ChannelDesign, DeadZone, DeadZoneShape, DesignError, DisturbanceBounds, ExcitationDesign,
-    FeaturePoint, GradientOptions, GyroscopicTorque, InitialState, InnovationGate, JointChannelDesign,
-    JointDesign, JointRotationDesign, JointTranslationDesign, Kernel, LengthScale, LinearDesign,
-    LinearObserver, LocalSolver, Parameter, PriorDeviations, RigidBodyObserver, RotationDesign, RotationLaw,
-    Solver, TranslationDesign, TranslationLaw,
+    AccelerometerDesign, Centers, ChannelDesign, DeadZone, DeadZoneShape, DesignError, DisturbanceBounds,
+    ExcitationDesign, FeaturePoint, GradientOptions, GyroscopicTorque, InitialState, InnovationGate,
+    JointChannelDesign, JointDesign, JointRotationDesign, JointTranslationDesign, Kernel, LengthScale,
+    LinearDesign, LinearObserver, LocalSolver, Parameter, PriorDeviations, RigidBodyObserver, RotationDesign,
+    RotationLaw, Solver, TranslationDesign, TranslationLaw,
 };
 
 /// An output is held for this many of its sample periods; then its channel coasts.
@@ -286,6 +286,7 @@ macro_rules! joint_design {
             lags_s: $joint.lag_times_s,
             noise: $noise.into(),
             position_noise: None,
+            accelerometer: None,
             noise_samples: $joint.noise_memory_samples,
             excitation: ExcitationDesign {
                 correction_share: $joint.correction_share,
@@ -320,6 +321,11 @@ fn joint_translation(keys: &TranslationConfig, rate_hz: f64) -> Result<JointTran
     let noise = given(keys.velocity_noise_m_s, Parameter::Joint("noise"))?;
     let mut filter = joint_design!(keys, joint, box_m_s, prior, noise, joint.process_noise_m2_s3);
     filter.position_noise = Some(keys.position_noise_m);
+    filter.accelerometer = (joint.specific_force_noise_m_s2 > 0.0).then_some(AccelerometerDesign {
+        noise: joint.specific_force_noise_m_s2,
+        bias: joint.specific_force_bias_m_s2,
+        bias_time_s: joint.specific_force_bias_time_s,
+    });
     let channel =
         joint_channel(filter, Matrix3::identity() * keys.mass_kg, keys.sample_rate_hz.unwrap_or(rate_hz));
     Ok(JointTranslationDesign {

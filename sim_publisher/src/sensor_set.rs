@@ -78,6 +78,9 @@ pub struct SetSensor {
     /// White noise of each component, 1 σ (m/s²).
     #[serde(default)]
     pub specific_force_noise_m_s2: f64,
+    /// Constant error along its axes (m/s²).
+    #[serde(default)]
+    pub specific_force_bias_m_s2: [f64; 3],
     /// White noise of each component, 1 σ (m).
     #[serde(default)]
     pub position_noise_m: f64,
@@ -281,7 +284,8 @@ impl SetSensor {
                 }
                 Quantity::SpecificForce => {
                     let noise = self.specific_force_noise_m_s2 * noise.specific_force;
-                    let force = mounting.inverse() * at.specific_force_m_s2;
+                    let bias = Vector3::from(self.specific_force_bias_m_s2);
+                    let force = mounting.inverse() * at.specific_force_m_s2 + bias;
                     sample.with_specific_force_m_s2((force + noise).into())
                 }
                 Quantity::Position => sample.with_position_m(position.into()),

@@ -47,7 +47,22 @@ pub(super) struct Case {
     gap_ns: u64,
 }
 
+/// White noise of an accelerometer on a vehicle that vibrates (m/s²).
+const ACCELEROMETER_NOISE_M_S2: f64 = 0.5;
+
 impl Case {
+    /// Lets the joint law use the specific forces.
+    ///
+    /// # Errors
+    /// There is none, or no `[translation]`.
+    pub(super) fn use_accelerometer(&mut self) -> anyhow::Result<()> {
+        let has_any = self.samples.iter().any(|sample| sample.specific_force_m_s2.is_some());
+        ensure!(has_any, "no specific force; needed by --accelerometer");
+        let translation = self.config.config.translation.as_mut().context("no [translation]")?;
+        translation.joint.specific_force_noise_m_s2 = ACCELEROMETER_NOISE_M_S2;
+        Ok(())
+    }
+
     fn new(
         name: String,
         config: ConfigFile,

@@ -133,7 +133,13 @@ fn coast(case: &Case, start: usize, mut estimator: impl Estimator, judgement: &m
                 return;
             }
         }
-        estimator.take(&Sample { velocity: None, position_m: None, ..*sample });
+        estimator.take(&Sample {
+            velocity: None,
+            position_m: None,
+            // An accelerometer needs no outside; only the joint law looks at it, where its configuration has one.
+            specific_force_m_s2: sample.specific_force_m_s2,
+            ..*sample
+        });
         if has_velocity {
             newest_ns = sample.stamp_ns;
         }

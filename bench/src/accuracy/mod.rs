@@ -52,6 +52,9 @@ pub(crate) struct AccuracyArguments {
     /// Take position fixes in place of the velocities, which are only compared with.
     #[arg(long)]
     positions: bool,
+    /// Use the flights' specific forces, in coasts, too: the joint law with the default accelerometer.
+    #[arg(long)]
+    accelerometer: bool,
     /// Start from what this flight teaches: another flight of the same vehicle.
     #[arg(long, value_name = "FILE")]
     warm: Option<PathBuf>,
@@ -161,6 +164,10 @@ pub(crate) fn run(arguments: &AccuracyArguments) -> anyhow::Result<()> {
     let mut refused = Vec::new();
     for file in cases::files_of(&arguments.paths)? {
         match cases::recorded(&file, config.as_ref(), arguments.positions) {
+            Ok(mut case) if arguments.accelerometer => match case.use_accelerometer() {
+                Ok(()) => cases.push(case),
+                Err(error) => refused.push((file.display().to_string(), format!("{error:#}"))),
+            },
             Ok(case) => cases.push(case),
             Err(error) => {
                 logln!("bench: '{}' is not judged: {error:#}", file.display());
@@ -169,7 +176,10 @@ pub(crate) fn run(arguments: &AccuracyArguments) -> anyhow::Result<()> {
         }
     }
     if arguments.simulated {
-        ensure!(!arguments.positions, "--positions is for recorded flights; leave out --simulated");
+        ensure!(
+            !(arguments.positions || arguments.accelerometer),
+            "--positions and --accelerometer are for recorded flights; leave out --simulated"
+        );
         cases.extend(cases::simulated()?);
     }
     ensure!(!cases.is_empty(), "no flight can be judged; needed: a log that sim_publisher inspect reads");

@@ -265,7 +265,7 @@ fn coast_from(
             let error = path.last().expect("just pushed").1 - measured;
             return Ok(Some((path, error)));
         }
-        estimator.take(&Sample { velocity: None, position_m: None, ..*sample })?;
+        estimator.take(&Sample { velocity: None, position_m: None, specific_force_m_s2: None, ..*sample })?;
     }
     Ok(None)
 }

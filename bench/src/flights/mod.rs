@@ -5,6 +5,7 @@ mod accuracy;
 mod arguments;
 mod candidate;
 mod check;
+mod latency;
 pub(crate) mod replay;
 mod search;
 mod sensor;

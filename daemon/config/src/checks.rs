@@ -75,6 +75,23 @@ impl ConfigFile {
                     needed,
                 );
             }
+            if sensor.latency_s >= self.config.input.max_age_s {
+                let needed = format!(
+                    "less than input.max_age_s, {} s: its samples would all be too old",
+                    self.config.input.max_age_s
+                );
+                return refuse("latency_s", sensor.latency_s.to_string(), &needed);
+            }
+            let has_accelerometer =
+                self.config.translation.as_ref().is_some_and(|t| t.joint.specific_force_noise_m_s2 > 0.0);
+            if sensor.specific_force_noise_m_s2 > 0.0 && !has_accelerometer {
+                let needed = "translation.joint.specific_force_noise_m_s2 above 0, without which no specific force is used; or 0";
+                return refuse(
+                    "specific_force_noise_m_s2",
+                    sensor.specific_force_noise_m_s2.to_string(),
+                    needed,
+                );
+            }
             if !sensor.lever_arm_m.iter().all(|x| x.abs() < 1e6) {
                 return refuse("lever_arm_m", format!("{:?}", sensor.lever_arm_m), "finite numbers");
             }
@@ -206,6 +223,35 @@ mod tests {
         }
         let text = format!("{}\n[real_time]\npriority = -1\n", PRESETS[0].1);
         assert!(ConfigFile::parse("vehicle.toml".into(), text).is_err());
+    }
+
+    #[test]
+    fn a_sensor_that_cannot_be_meant_is_refused_with_its_line() {
+        let preset = PRESETS.iter().find(|(name, _)| *name == "rigid-body").unwrap().1;
+        let check = |sensors: &str| {
+            let file = ConfigFile::parse("vehicle.toml".into(), format!("{preset}\n{sensors}")).unwrap();
+            file.check().map_err(|error| error.to_string())
+        };
+        let first = "[[sensor]]\nname = \"imu\"\nnumber = 1\n";
+        check(&format!("{first}[[sensor]]\nname = \"dvl\"\nnumber = 2\nlatency_s = 0.4")).unwrap();
+        let line = preset.lines().count() + 7;
+        for (second, parts) in [
+            ("name = \"dvl\"\nnumber = 1", ["sensor.1.number", "no other sensor"]),
+            ("name = \"dvl\"\nnumber = 16", ["sensor.1.number", "1 … 15"]),
+            ("name = \"dvl\"\nlatency_s = 0.5\nnumber = 2", ["sensor.1.latency_s", "input.max_age_s"]),
+            (
+                "name = \"dvl\"\nmounting_wxyz = [1, 1, 0, 0]\nnumber = 2",
+                ["mounting_wxyz", "unit quaternion"],
+            ),
+            (
+                "name = \"dvl\"\nspecific_force_noise_m_s2 = 1\nnumber = 2",
+                ["specific_force", "translation.joint"],
+            ),
+        ] {
+            let error = check(&format!("{first}[[sensor]]\n{second}")).unwrap_err();
+            assert!(parts.iter().all(|part| error.contains(part)), "{error}");
+            assert!(error.contains(&format!("line {line}")), "{line}: {error}");
+        }
     }
 
     #[test]

@@ -104,7 +104,17 @@ joint! {
         disturbance_std_m_s2 = 0.1, process_noise_m2_s3 = 1.5e-3, lags = [0.05, 0.2],
     }
     words { command: "force", motion: "velocity" }
-    last {}
+    last {
+        /// White noise of measured specific forces, 1 σ of each axis, where their samples and sensors say none; 0: they are not used.
+        ///
+        /// That of an accelerometer on a vehicle that vibrates is 0.5 and more. They need the attitude, and `gravity_m_s2` as it
+        /// is: buoyancy belongs into `known_force_n`.
+        pub specific_force_noise_m_s2 = 0.0,
+        /// Slow error of measured specific forces, 1 σ: bias, misalignment, what vibration makes of them.
+        pub specific_force_bias_m_s2 = 0.5,
+        /// How long that error stays alike.
+        pub specific_force_bias_time_s = 10.0,
+    }
 }
 
 joint! {
@@ -143,6 +153,9 @@ pub(crate) const TRANSLATION_NAMES: &[(&str, &str)] = &[
     ("idle_rate", "joint.excitation_idle_rate"),
     ("input", "joint.prior_input"),
     ("lag", "joint.prior_lag"),
+    ("accelerometer_noise", "joint.specific_force_noise_m_s2"),
+    ("accelerometer_bias", "joint.specific_force_bias_m_s2"),
+    ("accelerometer_bias_time_s", "joint.specific_force_bias_time_s"),
 ];
 
 /// The fields of the joint law's design, and the keys of `[rotation]` that set them.

@@ -49,7 +49,7 @@ pub struct SensorConfig {
     #[serde(default)]
     #[schemars(range(min = 0.0))]
     pub angular_velocity_noise_rad_s: f64,
-    /// 1 σ of its specific force, each component; 0: 0.5 m/s².
+    /// 1 σ of its specific force, each component; 0: that of the channel, which must have one.
     #[serde(default)]
     #[schemars(range(min = 0.0))]
     pub specific_force_noise_m_s2: f64,

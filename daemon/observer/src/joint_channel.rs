@@ -90,7 +90,7 @@ pub struct JointSample {
     pub position_std: [f64; 3],
     /// Commanded force, inertial (N), or torque, body axes (N·m): held until the next one.
     pub command: Option<Vector3<f64>>,
-    /// Specific force, inertial (m/s²), and its deviation, the same for each axis. Only of a translation.
+    /// Specific force, inertial (m/s²), and its deviation, the same for each axis. Only of a translation with an accelerometer.
     pub specific_force: Option<(Vector3<f64>, f64)>,
     /// The sensor.
     pub sensor: SensorUse,
@@ -157,6 +157,7 @@ impl PlantOfBody {
         let (command, known) = self.accelerations(&history.command, &before);
         let gap_ns = history.gap_start_ns();
         let std = from.state.velocity_std();
+        filter.set_slope(&mut from.state, self.is_coasting(history, from.stamp_ns));
         let learned = if from.stamp_ns < gap_ns {
             filter.predict(&mut from.state, h_s, &command, &known, history.teaches())
         } else {
@@ -351,6 +352,7 @@ impl<K: JointPose> JointChannel<K> {
         let how = (sample.sensor, teaches);
         let agreement = self.filter.update_velocity(state, &output, &output_std, since_s, how);
         if let Some(agreement) = &agreement {
+            self.filter.set_slope(state, false);
             let agrees = !agreement.is_stray && !self.plant.is_coasting(history, stamp_ns);
             history.see_output(stamp_ns, agreement.output_error(), agreement.nis, agrees);
             self.at.pose.take_innovations(agreement);
@@ -363,11 +365,13 @@ impl<K: JointPose> JointChannel<K> {
                 history.see_fix(stamp_ns, fix.output_error(), fix.nis, !fix.is_stray && !was_coasting);
             }
         }
-        if let Some((specific_force, deviation)) = &sample.specific_force {
+        if let Some((force, deviation)) = &sample.specific_force {
             let velocity = Vector3::from(state.velocity());
             let (command, known) = self.plant.accelerations(&history.command, &velocity);
-            let unknown =
-                specific_force + self.plant.gravity_m_s2 - Vector3::from(known) - Vector3::from(command);
+            let unknown = force + self.plant.gravity_m_s2 - Vector3::from(known) - Vector3::from(command);
+            // Without a velocity, an error of v̂ shows in the learned force and would teach it.
+            let is_coasting = self.plant.is_coasting(history, stamp_ns);
+            let how = if is_coasting { (sample.sensor, Teaches::State) } else { how };
             self.filter.update_acceleration(state, &unknown.into(), *deviation, &command, how);
         }
         agreement.or(impossible.map(|impossible| Agreement { is_stray: true, ..impossible }))

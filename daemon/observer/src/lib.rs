@@ -119,7 +119,7 @@ pub use joint_channel::{
 pub use law::channel::{Ahead, BodyChannel, Channel};
 pub use law::dead_zone::{DeadZone, DeadZoneShape};
 pub use law::gradient::{GradientLaw, HeldOutput, Learning};
-pub use law::joint::design::{ExcitationDesign, JointDesign, PriorDeviations};
+pub use law::joint::design::{AccelerometerDesign, ExcitationDesign, JointDesign, PriorDeviations};
 pub use law::joint::filter::JointFilter;
 pub use law::joint::predict::{JointPrediction, LearnedAcceleration};
 pub use law::joint::sensor::{MAX_SENSORS, Outliers, SensorUse};
@@ -142,8 +142,8 @@ pub use report::findings::{Finding, Verdict};
 pub use report::joint_report::{ExpectedStd, JointReport};
 pub use report::lure_pair::LurePair;
 pub use rigid_body::{
-    Deviations, InitialState, Quality, RigidBodyEstimate, RigidBodyObserver, RotationLaw,
-    SPECIFIC_FORCE_NOISE_M_S2, Sample, TranslationLaw, Velocity,
+    Deviations, InitialState, Quality, RigidBodyEstimate, RigidBodyObserver, RotationLaw, Sample,
+    TranslationLaw, Velocity,
 };
 pub use space::centers::{Centers, LatticeBox};
 pub use space::factors::lanes::vector_unit;

@@ -55,7 +55,7 @@ pub struct Sample {
     pub position_m: Option<Vector3<f64>>,
     /// Attitude fix, body to inertial.
     pub attitude: Option<UnitQuaternion<f64>>,
-    /// Specific force, of an accelerometer, body axes (m/s²). The gradient law does not use it.
+    /// Specific force, of an accelerometer, body axes (m/s²). Used by a joint law with an accelerometer.
     pub specific_force_m_s2: Option<Vector3<f64>>,
     /// Commanded force (N); held until the next one.
     pub force_n: Option<Vector3<f64>>,
@@ -71,16 +71,13 @@ pub struct Sample {
     pub position_quality: Quality,
     /// 1 σ of the attitude fix's rotation vector (rad); 0: as designed.
     pub attitude_std_rad: [f64; 3],
-    /// 1 σ of the specific force (m/s²); 0: [`SPECIFIC_FORCE_NOISE_M_S2`].
+    /// 1 σ of the specific force (m/s²); 0: as designed.
     pub specific_force_std_m_s2: [f64; 3],
     /// Where the sensor sits, from the center of mass, body axes (m): its velocity and position become those of the center.
     pub lever_arm_m: Vector3<f64>,
     /// Which sensor it is.
     pub sensor: SensorUse,
 }
-
-/// Deviation of a specific force whose sample and sensor say none (m/s²): that of an accelerometer on a vehicle that vibrates.
-pub const SPECIFIC_FORCE_NOISE_M_S2: f64 = 0.5;
 
 /// How well the components of a reading are known.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]

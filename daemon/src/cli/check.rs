@@ -15,6 +15,8 @@ use rustix::termios::tcgetwinsize;
 use serde_json::{Value, json};
 use shared_types::outln;
 
+mod sensors;
+
 #[derive(Debug, Args)]
 pub(super) struct CheckArguments {
     /// Print one JSON document.
@@ -35,6 +37,7 @@ pub(super) fn run(arguments: &CheckArguments) -> anyhow::Result<()> {
     } else {
         outln!("{}: {}\n", if refusal.is_none() { "ready" } else { "not ready" }, file.name());
         checks.iter().for_each(|check| print(&file, check));
+        file.config.sensor.iter().for_each(|sensor| outln!("{}", sensors::in_words(&file, sensor)));
         outln!("{}", late_in_words(&file, check::time_of_late_sample(&file).as_ref()));
     }
     refusal.map_or(Ok(()), |refusal| Err(refusal.into()))
@@ -71,6 +74,7 @@ fn document(file: &ConfigFile, checks: &[ChannelCheck], refusal: Option<&ConfigE
         "ready": refusal.is_none(),
         "reasons": refusal.map(ToString::to_string).into_iter().collect::<Vec<_>>(),
         "channels": channels,
+        "sensors": file.config.sensor.iter().map(|sensor| sensors::document(file, sensor)).collect::<Vec<_>>(),
         "late_sample": check::time_of_late_sample(file).map(|late| {
             json!({
                 "late_s": late.late_s,

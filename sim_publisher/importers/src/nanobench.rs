@@ -32,7 +32,7 @@ const SPOILED_ROWS: usize = 6;
 const STRAIGHT_ROWS: usize = 100;
 
 /// In the order in which [`Row`] takes them.
-const COLUMNS: [&str; 19] = [
+const COLUMNS: [&str; 21] = [
     "px",
     "py",
     "pz",
@@ -46,6 +46,8 @@ const COLUMNS: [&str; 19] = [
     "imu_gyro_x",
     "imu_gyro_y",
     "imu_gyro_z",
+    "imu_acc_x",
+    "imu_acc_y",
     "imu_acc_z",
     "motor_motor_m1",
     "motor_motor_m2",
@@ -100,17 +102,17 @@ impl Row {
     }
 
     fn motors(&self) -> [f64; 4] {
-        std::array::from_fn(|motor| self.numbers[14 + motor])
+        std::array::from_fn(|motor| self.numbers[16 + motor])
     }
 
     /// Σ (PWM/65535)² V².
     fn thrust_level(&self) -> f64 {
         let levels = self.motors().iter().map(|pwm| (pwm / 65535.0).powi(2)).sum::<f64>();
-        levels * self.numbers[18].powi(2)
+        levels * self.numbers[20].powi(2)
     }
 
-    fn acceleration_z_m_s2(&self) -> f64 {
-        self.numbers[13] * GRAVITY_M_S2
+    fn specific_force_m_s2(&self) -> Vector3<f64> {
+        Vector3::from_column_slice(&self.numbers[13..16]) * GRAVITY_M_S2
     }
 
     fn sample(&self, thrust_n: f64, has_velocity: bool) -> Result<Measurement, SkipReason> {
@@ -122,6 +124,7 @@ impl Row {
             .with_position_m([px, py, pz])
             .with_attitude_wxyz(attitude)
             .with_angular_velocity_rad_s([wx, wy, wz])
+            .with_specific_force_m_s2(self.specific_force_m_s2().into())
             .with_force_n((rotation * Vector3::new(0.0, 0.0, thrust_n)).into());
         Ok(if has_velocity { sample.with_velocity_m_s([vx, vy, vz]) } else { sample })
     }
@@ -242,7 +245,7 @@ fn thrust_scale(rows: &[Row]) -> f64 {
     let running: Vec<&Row> = rows.iter().filter(|row| row.thrust_level() > 0.0).collect();
     let quarter = &running[..running.len() / 4];
     let level: f64 = quarter.iter().map(|row| row.thrust_level()).sum();
-    let acceleration: f64 = quarter.iter().map(|row| row.acceleration_z_m_s2()).sum();
+    let acceleration: f64 = quarter.iter().map(|row| row.specific_force_m_s2().z).sum();
     if level > 0.0 { acceleration / level } else { 0.0 }
 }
 

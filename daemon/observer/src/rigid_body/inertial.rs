@@ -5,7 +5,7 @@
 //! r = r_s − R l,        F = R F_b
 //! ```
 
-use super::{LawChannel, RigidBodyObserver, SPECIFIC_FORCE_NOISE_M_S2, Sample, Velocity};
+use super::{LawChannel, RigidBodyObserver, Sample, Velocity};
 use crate::joint_channel::or_designed;
 use nalgebra::{UnitQuaternion, Vector3};
 
@@ -37,7 +37,10 @@ impl RigidBodyObserver {
         let has_arm = sample.lever_arm_m != Vector3::zeros();
         let is_body = matches!(sample.velocity, Some(Velocity::Body(_)));
         let is_moved = has_arm && (sample.velocity.is_some() || sample.position_m.is_some());
-        let is_turned = is_body || sample.force_is_body || sample.specific_force_m_s2.is_some();
+        let accelerometer =
+            self.joint_translation().and_then(|channel| channel.filter().design().accelerometer);
+        let has_force = sample.specific_force_m_s2.is_some() && accelerometer.is_some();
+        let is_turned = is_body || sample.force_is_body || has_force;
         let mut inertial = InertialSample {
             velocity: match sample.velocity {
                 Some(Velocity::Inertial(velocity)) if !has_arm => Some(velocity),
@@ -73,8 +76,8 @@ impl RigidBodyObserver {
         if sample.force_is_body {
             inertial.force = sample.force_n.map(|force| attitude * force);
         }
-        inertial.specific_force = sample.specific_force_m_s2.map(|force| {
-            let std = or_designed(&sample.specific_force_std_m_s2, &[SPECIFIC_FORCE_NOISE_M_S2; 3]);
+        inertial.specific_force = sample.specific_force_m_s2.zip(accelerometer).map(|(force, designed)| {
+            let std = or_designed(&sample.specific_force_std_m_s2, &[designed.noise; 3]);
             let largest = std.into_iter().fold(0.0, f64::max);
             (attitude * force, largest.hypot(force.norm() * attitude_std_rad))
         });
@@ -114,6 +117,7 @@ mod tests {
     use crate::design::GyroscopicTorque;
     use crate::designs::joint_law;
     use crate::joint_channel::{JointChannelDesign, JointRotationDesign, JointTranslationDesign};
+    use crate::law::joint::design::{AccelerometerDesign, JointDesign};
     use crate::rigid_body::{InitialState, RotationLaw, TranslationLaw};
     use nalgebra::{Matrix3, Vector4};
 
@@ -150,7 +154,19 @@ mod tests {
             angular_velocity_rad_s: Some(rate),
             ..InitialState::default()
         };
-        let mut observer = RigidBodyObserver::new(None, Some(law), initial).unwrap();
+        let translation = TranslationLaw::Joint(JointTranslationDesign {
+            channel: JointChannelDesign {
+                filter: JointDesign {
+                    accelerometer: Some(AccelerometerDesign { noise: 0.5, bias: 0.5, bias_time_s: 10.0 }),
+                    ..joint_law([0.01; 3])
+                },
+                inertia: Matrix3::identity(),
+                hold_s: 0.01,
+            },
+            known_force_n: Vector3::zeros(),
+            gravity_m_s2: Vector3::zeros(),
+        });
+        let mut observer = RigidBodyObserver::new(Some(translation), Some(law), initial).unwrap();
         let stamp_ns = 1_000_000_000;
         let rates = Sample { stamp_ns, angular_velocity_rad_s: Some(rate), ..Sample::default() };
         observer.accept(&rates, Learn::ALL);
@@ -178,7 +194,7 @@ mod tests {
         let wanted = attitude.to_rotation_matrix().matrix() * thrust;
         assert!((inertial.force.unwrap() - wanted).norm() < 1e-12);
         let (force, std) = inertial.specific_force.unwrap();
-        assert!((force - wanted).norm() < 1e-12 && (std - SPECIFIC_FORCE_NOISE_M_S2).abs() < 1e-6);
+        assert!((force - wanted).norm() < 1e-12 && (std - 0.5).abs() < 1e-6);
     }
 
     #[test]

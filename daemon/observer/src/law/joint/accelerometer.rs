@@ -1,7 +1,8 @@
 //! The row of the unknown acceleration: what an accelerometer adds.
 //!
 //! ```text
-//! y = a − a_u − g,  h = (0, 1, ψ_t):  e = y − (d + ψᵀθ),  S = hᵀPh + σ_f² P_N² + r²
+//! y = a − a_u − g + σ_a b,  h = (0, 1, ψ_t, σ_a):  e = y − (d + ψᵀθ + σ_a b),  S = hᵀPh + σ_f² P_N² + r²
+//! b' = −b/T_a + …,   stationary law N(0, 1): a row of its own, which no prediction sees
 //! X += (P h/S_w) eᵀ,  P −= P h (P h)ᵀ/S_w,  S_w as for a velocity
 //! ```
 //!
@@ -19,7 +20,7 @@ use super::update::{STATE_ROWS, mean_of};
 
 impl JointFilter {
     /// Takes the unknown acceleration that was measured at the state's instant, inertial axes (m/s²), with one deviation r for all of
-    /// them, while `command` = a_u is held. Nothing before a first velocity. Returns e²/S, its mean.
+    /// them, while `command` = a_u is held. Nothing before a first velocity, and without an accelerometer in the design. Returns e (m/s²).
     ///
     /// # Cost
     /// 2n² multiply-adds (6n² where the axes differ) and the features; no allocation.
@@ -30,17 +31,18 @@ impl JointFilter {
         deviation: f64,
         command: &[f64; 3],
         (sensor, teaches): (SensorUse, Teaches),
-    ) -> Option<f64> {
-        if !state.scalars.is_started {
-            return None;
-        }
+    ) -> Option<[f64; 3]> {
+        let bias = self.design.accelerometer.filter(|_| state.scalars.is_started)?.bias;
+        let bias_row = self.n - 1;
         let mut lags = state.scalars.lags;
         let differences = lags.advance(0.0, command, (&self.design.lags_s, &[1.0; 2]));
         let uncovered = self.evaluate_features(&state.velocity(), command, &differences);
         let means = state.mean.each_ref().map(|mean| &mean[..]);
         let of_weights = self.unit.dots(means, &self.features);
         state.excitation.teaching_features(&self.features, 1.0, &mut self.teaching);
-        (self.teaching[VELOCITY], self.teaching[DISTURBANCE], self.teaching[POSITION]) = (0.0, 1.0, 0.0);
+        (self.teaching[VELOCITY], self.teaching[DISTURBANCE], self.teaching[POSITION]) =
+            (state.scalars.slope_per_s, 1.0, 0.0);
+        self.teaching[bias_row] = bias;
         let kernel_variance = self.design.prior.kernel * self.design.prior.kernel;
         let noise = deviation * deviation + kernel_variance * uncovered;
         let mut prior_variances = [0.0; 3];
@@ -55,14 +57,17 @@ impl JointFilter {
         }
         let innovations: [_; 3] = std::array::from_fn(|axis| {
             Some(Innovation {
-                value: acceleration[axis] - state.mean[axis][DISTURBANCE] - of_weights[axis],
+                value: acceleration[axis]
+                    - state.mean[axis][DISTURBANCE]
+                    - of_weights[axis]
+                    - bias * state.mean[axis][bias_row],
                 prior_variance: prior_variances[axis],
                 variance: prior_variances[axis] + noise,
             })
         });
         let nis = mean_of(&innovations, Innovation::normalized_square);
         let factor = match sensor.outliers {
-            Outliers::Reject if nis > STRAY * STRAY => return Some(nis),
+            Outliers::Reject if nis > STRAY * STRAY => return None,
             Outliers::Off => 1.0,
             _ => (nis.sqrt() / STRAY).max(1.0),
         };
@@ -85,7 +90,7 @@ impl JointFilter {
                 Teaches::State => STATE_ROWS.into_iter().for_each(|row| mean[row] += w[row] * step),
             }
         }
-        Some(nis)
+        Some(innovations.map(|innovation| innovation.map_or(0.0, |i| i.value)))
     }
 }
 
@@ -93,6 +98,7 @@ impl JointFilter {
 mod tests {
     use super::*;
     use crate::designs::joint_law;
+    use crate::law::joint::design::{AccelerometerDesign, JointDesign};
     use crate::law::joint::rows::KERNEL;
     use nalgebra::{DMatrix, DVector};
 
@@ -101,7 +107,8 @@ mod tests {
     /// A mass with drag and a fast disturbance; 20 s with a velocity each 10 ms, the accelerometer where it is on. Returns the
     /// filter and its state, and the RMS error of the unknown acceleration in the second half.
     fn fly(deviation: Option<f64>) -> (JointFilter, JointState, f64) {
-        let mut filter = JointFilter::new(&joint_law([0.05; 3])).unwrap();
+        let accelerometer = Some(AccelerometerDesign { noise: 0.1, bias: 0.3, bias_time_s: 10.0 });
+        let mut filter = JointFilter::new(&JointDesign { accelerometer, ..joint_law([0.05; 3]) }).unwrap();
         let mut state = filter.new_state();
         let mut noise = crate::designs::Random(7);
         let (mut v, mut gust, mut squares, mut n) = ([0.0_f64; 3], [0.0_f64; 3], 0.0, 0);
@@ -114,7 +121,8 @@ mod tests {
             let y = v.map(|v| Some(v + 0.05 * noise.normal()));
             filter.update_velocity(&mut state, &y, &[0.05; 3], H_S, how);
             if let Some(deviation) = deviation {
-                let measured = unknown.map(|a| a + deviation * noise.normal());
+                let bias = [0.2, -0.1, 0.3];
+                let measured = std::array::from_fn(|i| unknown[i] + bias[i] + deviation * noise.normal());
                 filter.update_acceleration(&mut state, &measured, deviation, &command, how);
             }
             let learned = filter.predict(&mut state, H_S, &command, &[0.0; 3], Teaches::All);
@@ -141,14 +149,18 @@ mod tests {
         let n_weights = filter.n_weights();
         let (before, mean) = (state.covariance_matrix(0, n_weights), state.mean.clone());
         let measured = [0.9, -0.4, 0.2];
-        let nis = filter
+        let innovation = filter
             .update_acceleration(&mut state, &measured, 0.3, &command, (SensorUse::default(), Teaches::All))
             .unwrap();
-        assert!(nis < 16.0);
+        assert!(innovation.iter().all(|e| e.abs() < 4.0));
         // What the update has left behind: h with ψ_t, and ψ.
         let row = |i: usize| if i < POSITION { i } else { i + KERNEL - POSITION };
         let h = DVector::from_fn(2 + n_weights, |i, _| filter.teaching[row(i)]);
-        let psi = DVector::from_fn(2 + n_weights, |i, _| if i == 1 { 1.0 } else { filter.features[row(i)] });
+        let psi = DVector::from_fn(2 + n_weights, |i, _| match i {
+            1 => 1.0,
+            i if i == 1 + n_weights => 0.3,
+            i => filter.features[row(i)],
+        });
         let differences = state.scalars.lags.advance(0.0, &command, (&filter.design.lags_s, &[1.0; 2]));
         let velocity = mean.each_ref().map(|mean| mean[VELOCITY]);
         let uncovered = filter.evaluate_features(&velocity, &command, &differences);

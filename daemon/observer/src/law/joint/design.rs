@@ -47,10 +47,23 @@ pub struct JointDesign {
     pub noise: [f64; 3],
     /// Deviation of a position's component where the sample has none (m); `None` where there is no position.
     pub position_noise: Option<f64>,
+    /// `None`: specific forces are not used.
+    pub accelerometer: Option<AccelerometerDesign>,
     /// N_a, samples after which the noise levels follow; 0: the configured noises stand.
     pub noise_samples: f64,
     /// What may teach under low excitation.
     pub excitation: ExcitationDesign,
+}
+
+/// An accelerometer whose specific forces are measurements of the unknown acceleration.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct AccelerometerDesign {
+    /// Deviation of its white noise, each axis, where the sample has none (m/s²).
+    pub noise: f64,
+    /// Deviation of its slow error, each inertial axis: bias, misalignment, what vibration makes of it (m/s²).
+    pub bias: f64,
+    /// How long that error stays alike (s).
+    pub bias_time_s: f64,
 }
 
 /// Constants of what may teach (joint.md §3a).
@@ -74,6 +87,11 @@ impl JointDesign {
             ("noise", self.noise[1]),
             ("noise", self.noise[2]),
             ("position_noise", self.position_noise.unwrap_or(1.0)),
+            ("accelerometer_noise", self.accelerometer.map_or(1.0, |accelerometer| accelerometer.noise)),
+            (
+                "accelerometer_bias_time_s",
+                self.accelerometer.map_or(1.0, |accelerometer| accelerometer.bias_time_s),
+            ),
             ("motion_memory_s", self.motion_memory_s),
             ("input_memory_s", self.input_memory_s),
             ("disturbance_time_s", self.disturbance_time_s),
@@ -97,6 +115,7 @@ impl JointDesign {
             ("lag", prior.lag),
             ("disturbance", prior.disturbance),
             ("process_noise", self.process_noise),
+            ("accelerometer_bias", self.accelerometer.map_or(0.0, |accelerometer| accelerometer.bias)),
             ("noise_samples", self.noise_samples),
             ("correction_share", excitation.correction_share),
             ("idle_rate", excitation.idle_rate),

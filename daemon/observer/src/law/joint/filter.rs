@@ -72,13 +72,17 @@ impl JointFilter {
     pub fn new(design: &JointDesign) -> Result<Self, DesignError> {
         design.check()?;
         let space = NativeSpace::whole(design.kernel, &design.length_scale, design.centers.clone(), 0.0)?;
-        let n = KERNEL + design.centers.n_centers();
+        let n_kernel = KERNEL + design.centers.n_centers();
+        let n = n_kernel + usize::from(design.accelerometer.is_some());
         let n_padded = whole_lanes(n);
         let mut rates_per_s = vec![0.0; n_padded];
         rates_per_s[DISTURBANCE] = design.disturbance_time_s.recip();
         rates_per_s[WEIGHTS..WEIGHTS + 4].fill(design.motion_memory_s.recip());
         rates_per_s[WEIGHTS + 4..POSITION].fill(design.input_memory_s.recip());
-        rates_per_s[KERNEL..n].fill(design.motion_memory_s.recip());
+        rates_per_s[KERNEL..n_kernel].fill(design.motion_memory_s.recip());
+        if let Some(accelerometer) = &design.accelerometer {
+            rates_per_s[n_kernel] = accelerometer.bias_time_s.recip();
+        }
         let mut prior_variances = vec![0.0; n_padded];
         prior_variances[WEIGHTS..POSITION].fill(1.0);
         prior_variances[KERNEL..n].fill(1.0);

@@ -38,6 +38,7 @@ pub(crate) mod noise_levels;
 pub(crate) mod predict;
 pub(crate) mod rows;
 pub(crate) mod sensor;
+pub(crate) mod slope;
 pub(crate) mod state;
 pub(crate) mod stray;
 pub(crate) mod teaches;

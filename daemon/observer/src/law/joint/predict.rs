@@ -198,7 +198,7 @@ impl JointFilter {
         });
         let (excitation, f) = (&state.excitation, &mut self.teaching);
         self.unit.compile(|| excitation.teaching_features(&self.features, h_s, f));
-        self.teaching[VELOCITY] = 1.0;
+        self.teaching[VELOCITY] = (1.0 + h_s * state.scalars.slope_per_s).max(0.0);
         self.teaching[DISTURBANCE] = disturbance_s;
         self.teaching[POSITION] = 0.0;
 

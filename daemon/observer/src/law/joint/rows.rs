@@ -10,5 +10,5 @@ pub(crate) const WEIGHTS: usize = 2;
 pub(crate) const N_PARAMETRIC: usize = 13;
 /// Row of the position; without a position its entries are 0.
 pub(crate) const POSITION: usize = WEIGHTS + N_PARAMETRIC;
-/// First row of the kernel's weights.
+/// First row of the kernel's weights; after the last of them, the accelerometer's bias, where there is an accelerometer.
 pub(crate) const KERNEL: usize = POSITION + 1;

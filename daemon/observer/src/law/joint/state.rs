@@ -35,6 +35,8 @@ pub(crate) struct JointScalars {
     /// Components of the position that a fix has set.
     pub(crate) position_is_known: [bool; 3],
     pub(crate) noise_levels: NoiseLevels,
+    /// J of a coast with an accelerometer, else 0 (1/s).
+    pub(crate) slope_per_s: f64,
     pub(crate) lags: Lags,
     pub(crate) command: CommandStatistics,
 }
@@ -48,6 +50,7 @@ impl JointScalars {
             stray_positions: [StraySamples::default(); 3],
             position_is_known: [false; 3],
             noise_levels: NoiseLevels::configured(),
+            slope_per_s: 0.0,
             lags: Lags::unknown(),
             command: CommandStatistics::unknown(),
         }
