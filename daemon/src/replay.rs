@@ -242,7 +242,7 @@ mod tests {
         let mut other = bytes.clone();
         other[0] = 1;
         let sentence = refused(&other);
-        assert!(sentence.contains("version 1; this program reads version 5"), "{sentence}");
+        assert!(sentence.contains("version 1; this program reads version 6"), "{sentence}");
         assert!(refused(&[&bytes[..], &[0]].concat()).contains("1 bytes too many"));
         for length in [0, 3, 4, bytes.len() - 1] {
             refused(&bytes[..length]);

@@ -41,7 +41,7 @@
 #define OBSERVER_VALID_TORQUE UINT32_C(0x20) /**< `torque_n_m`. */
 #define OBSERVER_VALID_OUTPUT UINT32_C(0x40) /**< `output`. */
 #define OBSERVER_VALID_INPUT UINT32_C(0x80) /**< `input`. */
-#define OBSERVER_VALID_RIGID_BODY UINT32_C(0x13f) /**< Every field of a rigid body. */
+#define OBSERVER_VALID_RIGID_BODY UINT32_C(0x3f) /**< Every field of a rigid body but the specific force. */
 #define OBSERVER_VALID_ALL UINT32_C(0x1ff) /**< Every bit that has a meaning. */
 
 /* Values of observer_measurement.velocity_frame and observer_measurement.force_frame. */

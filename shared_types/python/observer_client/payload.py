@@ -35,7 +35,7 @@ class valid:
     TORQUE = 0x20  # `torque_n_m`.
     OUTPUT = 0x40  # `output`.
     INPUT = 0x80  # `input`.
-    RIGID_BODY = 0x13f  # Every field of a rigid body.
+    RIGID_BODY = 0x3f  # Every field of a rigid body but the specific force.
     ALL = 0x1ff  # Every bit that has a meaning.
 
 

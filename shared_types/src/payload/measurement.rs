@@ -74,8 +74,8 @@ const fn commanded(key: &'static str, unit: &'static str) -> Option<Quantity> {
 payload! {
     /// Bits of [`Measurement::valid`]: which fields carry a measurement.
     pub mod valid: u32 {
-        /// Every field of a rigid body.
-        RIGID_BODY = VELOCITY | ANGULAR_VELOCITY | SPECIFIC_FORCE | POSITION | ATTITUDE | FORCE | TORQUE,
+        /// Every field of a rigid body but the specific force.
+        RIGID_BODY = VELOCITY | ANGULAR_VELOCITY | POSITION | ATTITUDE | FORCE | TORQUE,
     }
 
     /// One set of sensor readings and commands, all taken at `stamp_ns`.

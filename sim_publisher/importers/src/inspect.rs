@@ -28,6 +28,9 @@ pub struct Quantity {
     pub lowest: Vec<f64>,
     /// Greatest value of each component.
     pub highest: Vec<f64>,
+    /// White noise of each component of a measured quantity, 1 σ: what third differences leave of a smooth motion. Of a smoothed
+    /// log it is less than the sensor's. Empty where it cannot be told.
+    pub noise: Vec<f64>,
 }
 
 /// What a log holds.
@@ -223,7 +226,28 @@ fn quantity_of(name: String, samples: &[Measurement], place: usize, field: &Fiel
         longest_gap_s: intervals_ns.last().map_or(0.0, |&ns| ns as f64 * 1e-9),
         lowest: extreme(f64::min)?,
         highest: extreme(f64::max)?,
+        noise: noise(&carrying, place, field),
     })
+}
+
+/// Samples from which a noise is told.
+const MIN_SAMPLES_OF_NOISE: usize = 50;
+
+/// `σ = median |y_j − 3 y_{j−1} + 3 y_{j−2} − y_{j−3}| / (0.6745 √20)`, for each component.
+fn noise(carrying: &[&Measurement], place: usize, field: &Field) -> Vec<f64> {
+    let is_measured =
+        field.quantity.is_some_and(|quantity| quantity.is_measured && !quantity.unit.is_empty());
+    if !is_measured || carrying.len() < MIN_SAMPLES_OF_NOISE {
+        return Vec::new();
+    }
+    let of_component = |k: usize| {
+        let y = |sample: &Measurement| sample.numbers(place)[k];
+        let third = |w: &[&Measurement]| (y(w[3]) - 3.0 * y(w[2]) + 3.0 * y(w[1]) - y(w[0])).abs();
+        let mut sizes: Vec<f64> = carrying.windows(4).map(third).collect();
+        let middle = sizes.len() / 2;
+        *sizes.select_nth_unstable_by(middle, f64::total_cmp).1 / (0.6745 * 20.0_f64.sqrt())
+    };
+    (0..field.components.names.len()).map(of_component).collect()
 }
 
 /// The keys that say how often a channel is measured.
@@ -289,14 +313,16 @@ impl fmt::Display for Findings {
         if !self.quantities.is_empty() {
             writeln!(
                 f,
-                "\n{:<30}{:>8}{:>9}{:>9}  range of each component",
-                "", "samples", "rate Hz", "gap s"
+                "\n{:<30}{:>8}{:>9}{:>9}{:>9}  range of each component",
+                "", "samples", "rate Hz", "gap s", "noise"
             )?;
         }
         for quantity in &self.quantities {
-            let Quantity { name, samples, rate_hz, longest_gap_s, lowest, highest } = quantity;
+            let Quantity { name, samples, rate_hz, longest_gap_s, lowest, highest, noise } = quantity;
             let rate = rate_hz.map_or("-".into(), |rate_hz| format!("{rate_hz:.1}"));
-            write!(f, "{name:<30}{samples:>8}{rate:>9}{longest_gap_s:>9.3} ")?;
+            let largest =
+                noise.iter().copied().reduce(f64::max).map_or("-".into(), |noise| format!("{noise:.4}"));
+            write!(f, "{name:<30}{samples:>8}{rate:>9}{longest_gap_s:>9.3}{largest:>9} ")?;
             for (low, high) in lowest.iter().zip(highest) {
                 write!(f, " {low:.3}…{high:.3}")?;
             }
@@ -361,6 +387,27 @@ mod tests {
         // As a configuration reads it.
         let configuration: toml::Table = third.configuration.join("\n").parse().unwrap();
         assert_eq!(configuration["translation"]["sample_rate_hz"].as_float(), Some(3.333));
+    }
+
+    #[test]
+    fn the_noise_of_a_smooth_motion_is_told() {
+        let mut text = "time_s,velocity_x,velocity_y,velocity_z\n".to_owned();
+        let mut seed = 3_u64;
+        let mut normal = || {
+            (0..12).fold(-6.0, |sum, _| {
+                seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+                sum + (seed >> 11) as f64 / (1_u64 << 53) as f64
+            })
+        };
+        for j in 0..4000 {
+            let t_s = f64::from(j) * 0.01;
+            let [x, y] = [0.05 * normal(), 0.002 * normal()];
+            text += &format!("{t_s},{},{},{}\n", t_s.sin() + x, (2.0 * t_s).cos() + y, (3.0 * t_s).sin());
+        }
+        let found = inspected(&text, &[]);
+        let noise = &found.quantities[0].noise;
+        assert!((noise[0] / 0.05 - 1.0).abs() < 0.1 && (noise[1] / 0.002 - 1.0).abs() < 0.1, "{noise:?}");
+        assert!(noise[2] < 1e-4, "a third derivative of 27 m/s⁴: {noise:?}");
     }
 
     #[test]

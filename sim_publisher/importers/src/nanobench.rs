@@ -276,7 +276,7 @@ mod tests {
             let height = if row < 20 { 0.0 } else { 1.0 };
             let m = pwm(row);
             text += &format!(
-                "{:.3},1,2,{height},{half},0,0,{half},3,4,5,0.1,0.2,0.3,1.0,{m},{m},{m},{m},4.0,x\n",
+                "{:.3},1,2,{height},{half},0,0,{half},3,4,5,0.1,0.2,0.3,0.01,0.02,1.0,{m},{m},{m},{m},4.0,x\n",
                 1_772_681_685.0 + t
             );
         }
@@ -293,6 +293,8 @@ mod tests {
         let hover = &flight.samples[30];
         // 1 g along z of the body, which points up: the weight of the nominal mass, within the motor's flicker.
         assert!((hover.force_n[2] / (MASS_KG * GRAVITY_M_S2) - 1.0).abs() < 0.01, "{:?}", hover.force_n);
+        let [x, y, z] = hover.specific_force_m_s2.map(|force| force / GRAVITY_M_S2);
+        assert!((x - 0.01).abs() < 1e-12 && (y - 0.02).abs() < 1e-12 && (z - 1.0).abs() < 1e-12);
         assert_eq!((hover.velocity_m_s, hover.angular_velocity_rad_s), ([3., 4., 5.], [0.1, 0.2, 0.3]));
         let without: Vec<usize> =
             (0..100).filter(|&index| !flight.samples[index].has(valid::VELOCITY)).collect();

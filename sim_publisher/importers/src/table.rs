@@ -429,28 +429,35 @@ mod tests {
 
     #[test]
     fn every_quantity_is_taken_from_its_columns() {
-        let names = "stamp;vx;vy;vz;wx;wy;wz;px;py;pz;qw;qx;qy;qz;fx;fy;fz;tx;ty;tz;more";
+        let names = "stamp;vx;vy;vz;wx;wy;wz;px;py;pz;qw;qx;qy;qz;fx;fy;fz;tx;ty;tz;ax;ay;az;more";
         let mut pairs = vec!["time=stamp".to_owned(), "time_unit=us".into(), "separator=;".into()];
         pairs.push("velocity_frame=body".into());
-        for (quantity, letter) in
-            [("velocity", 'v'), ("angular_velocity", 'w'), ("position", 'p'), ("force", 'f'), ("torque", 't')]
-        {
+        for (quantity, letter) in [
+            ("velocity", 'v'),
+            ("angular_velocity", 'w'),
+            ("position", 'p'),
+            ("force", 'f'),
+            ("torque", 't'),
+            ("specific_force", 'a'),
+        ] {
             pairs.extend(["x", "y", "z"].map(|axis| format!("{quantity}_{axis}={letter}{axis}")));
         }
         pairs.extend(["w", "x", "y", "z"].map(|axis| format!("attitude_{axis}=q{axis}")));
         let map = CsvMap::read(None, &pairs).unwrap();
         let text = format!(
-            "{names}\n1718295482836884;1;2;3;4;5;6;7;8;9;0;0;1;0;10;11;12;13;14;15;x\n\
-             1718295482846885;1;2;3;4;5;6;;;;0;0;-1;0;;;;13;14;15;x\n"
+            "{names}\n1718295482836884;1;2;3;4;5;6;7;8;9;0;0;1;0;10;11;12;13;14;15;16;17;18;x\n\
+             1718295482846885;1;2;3;4;5;6;;;;0;0;-1;0;;;;13;14;15;16;17;18;x\n"
         );
         let flight = parse(text.as_bytes(), "a.csv", &map).unwrap();
         let [first, second] = flight.samples[..] else { panic!("two rows") };
-        assert_eq!((first.valid, first.velocity_frame), (valid::RIGID_BODY, frame::BODY));
+        let every = valid::RIGID_BODY | valid::SPECIFIC_FORCE;
+        assert_eq!((first.valid, first.velocity_frame), (every, frame::BODY));
         assert_eq!((first.velocity_m_s, first.angular_velocity_rad_s), ([1., 2., 3.], [4., 5., 6.]));
         assert_eq!((first.position_m, first.attitude_wxyz), ([7., 8., 9.], [0., 0., 1., 0.]));
         assert_eq!((first.force_n, first.torque_n_m), ([10., 11., 12.], [13., 14., 15.]));
+        assert_eq!(first.specific_force_m_s2, [16., 17., 18.]);
         assert_eq!((second.stamp_ns, second.sequence), (10_001_000, 1));
-        assert_eq!(second.valid, valid::RIGID_BODY & !valid::POSITION & !valid::FORCE);
+        assert_eq!(second.valid, every & !valid::POSITION & !valid::FORCE);
         assert_eq!((flight.skipped_rows(), flight.airborne), (0, None));
     }
 

@@ -67,6 +67,7 @@ column that bears a key's own name needs no naming, body_velocity_x|y|z neither:
   time_s, or time with time_unit = s|ms|us|ns;  separator (default ,)
   velocity_x|y|z with velocity_frame = inertial|body;  angular_velocity_x|y|z
   position_x|y|z;  attitude_w|x|y|z;  force_x|y|z;  torque_x|y|z
+  specific_force_x|y|z
 
 Examples:
   sim_publisher replay --format acsl flight.log --airborne-only
