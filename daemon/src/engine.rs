@@ -197,9 +197,12 @@ impl Engine {
 
     /// Fuses what came, in the order of the stamps.
     fn fuse(&mut self) {
-        let (counters, tick) = (&mut self.counters, &mut self.tick);
-        self.window.fuse(&mut self.estimator, |outliers| {
-            for (count, is_outlier) in counters.outputs_held_back.iter_mut().zip(outliers) {
+        let (counters, tick, sources) = (&mut self.counters, &mut self.tick, &mut self.sources);
+        self.window.fuse(&mut self.estimator, |fused| {
+            if let Some(nis) = fused.velocity_nis {
+                sources.note_nis(fused.source, nis);
+            }
+            for (count, is_outlier) in counters.outputs_held_back.iter_mut().zip(fused.outliers) {
                 *count += u64::from(is_outlier);
                 tick.status |= bit(is_outlier, status_bits::HELD_BACK);
             }

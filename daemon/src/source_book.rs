@@ -5,6 +5,8 @@ use shared_types::service::MAX_SOURCES;
 
 /// The usual period follows the periods by this much of their difference.
 const PERIOD_RATE: f64 = 1.0 / 16.0;
+/// The mean of the innovations follows them by this much.
+const NIS_RATE: f64 = 1.0 / 32.0;
 /// The median follows the delays by this part of itself for each sample.
 const MEDIAN_RATE: f64 = 0.02;
 
@@ -31,6 +33,8 @@ pub struct SourceRow {
     pub lost: u64,
     /// Samples rejected.
     pub rejected: u64,
+    /// Recent mean of the normalized innovation squared of its velocities; 0 where it has none.
+    pub nis: f64,
 }
 
 /// How a sample of a source was received.
@@ -74,6 +78,7 @@ impl SourceBook {
             late: 0,
             lost: 0,
             rejected: 0,
+            nis: 0.0,
         };
         let before = self.rows[place].filter(|row| row.source == source);
         let row = self.rows[place].insert(before.unwrap_or(first));
@@ -93,6 +98,13 @@ impl SourceBook {
                 row.late += u64::from(is_late);
                 row.lost = row.lost.saturating_add_signed(lost);
             }
+        }
+    }
+
+    /// Notes how a velocity of a source agreed.
+    pub fn note_nis(&mut self, source: u128, nis: f64) {
+        if let Some(row) = self.rows.iter_mut().flatten().find(|row| row.source == source) {
+            row.nis += if row.nis == 0.0 { nis } else { NIS_RATE * (nis - row.nis) };
         }
     }
 

@@ -15,7 +15,7 @@
 use crate::estimator::Estimator;
 use crate::gate::LinearSample;
 use nalgebra::UnitQuaternion;
-use observer::{Learn, Sample};
+use observer::{ChannelName, Learn, Sample};
 use std::collections::VecDeque;
 
 /// The window holds at most this many samples; beyond, it is shorter.
@@ -62,6 +62,17 @@ pub struct Kept {
     pub teaches: [bool; 3],
     /// Whether the vehicle stands on the ground, if its source ever says so.
     pub on_ground: Option<bool>,
+}
+
+/// A sample that was fused.
+#[derive(Debug, Clone, Copy)]
+pub struct Fused {
+    /// Its source.
+    pub source: u128,
+    /// Which of its outputs were outliers, by channel.
+    pub outliers: [bool; 3],
+    /// Normalized innovation squared of its velocity, if it has one; 0 with the gradient law.
+    pub velocity_nis: Option<f64>,
 }
 
 /// What the observers were after the first samples of the window.
@@ -203,8 +214,8 @@ impl Window {
     }
 
     /// Fuses the samples that are not fused. Those that were fused before are as many as fit into a tick; the rest is for the
-    /// next ticks. `see` is told of the outliers of each sample that is fused for the first time, by channel. No allocation.
-    pub fn fuse(&mut self, estimator: &mut Estimator, mut see: impl FnMut([bool; 3])) {
+    /// next ticks. `see` is told of each sample that is fused for the first time. No allocation.
+    pub fn fuse(&mut self, estimator: &mut Estimator, mut see: impl FnMut(&Fused)) {
         if self.has_to_return
             && let Some(mark) = self.marks.back()
         {
@@ -221,10 +232,12 @@ impl Window {
             self.on_ground = kept.on_ground.unwrap_or(self.on_ground);
             let learn = Learn { frozen: kept.frozen || self.on_ground, teaches: kept.teaches };
             let outliers = estimator.accept(&kept.sample, &kept.linear, learn);
-            if !std::mem::replace(was_fused, true) {
-                see(outliers);
-            }
             let place = kept.place;
+            if !std::mem::replace(was_fused, true) {
+                let velocity_nis = kept.sample.velocity.and_then(|_| estimator.channel(ChannelName::Translation));
+                let velocity_nis = velocity_nis.map(|channel| channel.nis());
+                see(&Fused { source: place.source, outliers, velocity_nis });
+            }
             self.n_fused += 1;
             if self.mark_is_due(place.stamp_ns) {
                 self.mark(estimator, Some(place));

@@ -175,6 +175,11 @@ pub trait AnyChannel {
     /// Becomes what it was when the mark at this place was made, to the bit. No allocation.
     fn return_to(&mut self, place: usize);
 
+    /// Normalized innovation squared of the newest output; 0 with a law without deviations.
+    fn nis(&self) -> f64 {
+        0.0
+    }
+
     /// Forgets the state, not what was learned: starts again from the next output, with any stamp.
     fn restart(&mut self);
 
@@ -283,6 +288,10 @@ where
 
     fn return_to(&mut self, place: usize) {
         JointChannel::return_to(self, place);
+    }
+
+    fn nis(&self) -> f64 {
+        JointChannel::nis(self)
     }
 
     fn restart(&mut self) {

@@ -525,6 +525,11 @@ impl<K: JointPose> JointChannel<K> {
         &self.at.state
     }
 
+    /// Normalized innovation squared of the newest output; 0 before the first.
+    pub fn nis(&self) -> f64 {
+        self.history.nis
+    }
+
     /// p, the number of weights of each axis.
     pub fn n_weights(&self) -> usize {
         self.filter.n_weights()

@@ -158,7 +158,7 @@ fn print_status(status: &Status) {
     let mut sources = Table::new();
     sources.load_style(NOTHING);
     let header =
-        ["source", "sensor", "Hz", "age s", "delay ms", "max ms", "used", "late", "lost", "rejected"];
+        ["source", "sensor", "Hz", "age s", "delay ms", "max ms", "used", "late", "lost", "rejected", "NIS"];
     sources.set_header(header);
     for source in status.sources() {
         let process = if source.pid == 0 { "gone".into() } else { format!("process {}", source.pid) };
@@ -171,7 +171,8 @@ fn print_status(status: &Status) {
         let counts = [source.accepted, source.late, source.lost, source.rejected].map(|n| n.to_string());
         let age = format!("{:.3}", seconds(source.age_ns));
         let row = [process, sensor, rate, age, ms(source.delay_ns), ms(source.max_delay_ns)];
-        sources.add_row(row.into_iter().chain(counts));
+        let nis = if source.nis == 0.0 { "–".into() } else { format!("{:.2}", source.nis) };
+        sources.add_row(row.into_iter().chain(counts).chain([nis]));
     }
     outln!("{sources}\n");
 

@@ -204,6 +204,7 @@ impl Housekeeping {
                 late: row.late,
                 lost: row.lost,
                 rejected: row.rejected,
+                nis: row.nis,
             };
             status.set_source(k, &source);
         }

@@ -177,6 +177,9 @@ payload! {
         source_lost: [u64; MAX_SOURCES],
         /// Its samples that were rejected.
         source_rejected: [u64; MAX_SOURCES],
+        /// Recent mean of the normalized innovation squared of its velocities, about 1 where their noise is right; 0 where it has
+        /// none, and with the gradient law.
+        source_nis: [f64; MAX_SOURCES],
         /// 1 while adaptation is frozen by an operator.
         adaptation_frozen: u64,
         /// Ticks in a row that ended after their next deadline, now.
@@ -209,7 +212,7 @@ payload! {
 }
 
 /// What a status says of one source.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct SourceStatus {
     /// Its process; 0: it has ended, or is unknown.
     pub pid: u64,
@@ -231,6 +234,8 @@ pub struct SourceStatus {
     pub lost: u64,
     /// Samples rejected.
     pub rejected: u64,
+    /// Recent mean of the normalized innovation squared of its velocities; 0: none.
+    pub nis: f64,
 }
 
 impl Status {
@@ -247,6 +252,7 @@ impl Status {
             late: self.source_late[k],
             lost: self.source_lost[k],
             rejected: self.source_rejected[k],
+            nis: self.source_nis[k],
         })
     }
 
@@ -262,6 +268,7 @@ impl Status {
         self.source_late[k] = source.late;
         self.source_lost[k] = source.lost;
         self.source_rejected[k] = source.rejected;
+        self.source_nis[k] = source.nis;
     }
 }
 
