@@ -3,9 +3,10 @@
 //! An error names the key, its line, what was found and what would be accepted.
 
 use crate::config::{
-    CommonKeys, ConfigError, ConfigFile, DeadZoneName, FeaturesAtName, GyroscopicTorqueName, InputConfig,
-    KernelName, KeyNames, LawName, LengthScaleConfig, LinearConfig, OutlierAction, RotationConfig,
-    SolverConfig, SolverName, SolverOptions, SquareMatrix, SymmetricMatrix, TranslationConfig,
+    CommonKeys, ConfigError, ConfigFile, DeadZoneName, FeaturesAtName, ForceAxesName, GyroscopicTorqueName,
+    InputConfig, KernelName, KeyNames, LawName, LengthScaleConfig, LinearConfig, OutlierAction,
+    RotationConfig, SolverConfig, SolverName, SolverOptions, SquareMatrix, SymmetricMatrix,
+    TranslationConfig,
 };
 use crate::estimator::Estimator;
 use nalgebra::{DMatrix, DVector, Matrix3, Quaternion, UnitQuaternion, Vector3};
@@ -286,6 +287,7 @@ macro_rules! joint_design {
             lags_s: $joint.lag_times_s,
             noise: $noise.into(),
             position_noise: None,
+            in_body_axes: false,
             accelerometer: None,
             noise_samples: $joint.noise_memory_samples,
             excitation: ExcitationDesign {
@@ -321,6 +323,7 @@ fn joint_translation(keys: &TranslationConfig, rate_hz: f64) -> Result<JointTran
     let noise = given(keys.velocity_noise_m_s, Parameter::Joint("noise"))?;
     let mut filter = joint_design!(keys, joint, box_m_s, prior, noise, joint.process_noise_m2_s3);
     filter.position_noise = Some(keys.position_noise_m);
+    filter.in_body_axes = keys.force_axes == ForceAxesName::Body;
     filter.accelerometer = (joint.specific_force_noise_m_s2 > 0.0).then_some(AccelerometerDesign {
         noise: joint.specific_force_noise_m_s2,
         bias: joint.specific_force_bias_m_s2,

@@ -234,7 +234,8 @@ impl Window {
             let outliers = estimator.accept(&kept.sample, &kept.linear, learn);
             let place = kept.place;
             if !std::mem::replace(was_fused, true) {
-                let velocity_nis = kept.sample.velocity.and_then(|_| estimator.channel(ChannelName::Translation));
+                let velocity_nis =
+                    kept.sample.velocity.and_then(|_| estimator.channel(ChannelName::Translation));
                 let velocity_nis = velocity_nis.map(|channel| channel.nis());
                 see(&Fused { source: place.source, outliers, velocity_nis });
             }

@@ -5,8 +5,8 @@
 
 use crate::joint::{ROTATION_NAMES, RotationJoint, TRANSLATION_NAMES, TranslationJoint};
 use crate::values::{
-    AxisValues, DeadZoneName, FeaturesAtName, GyroscopicTorqueName, KernelName, LawName, LengthScaleConfig,
-    SolverConfig, SquareMatrix, SymmetricMatrix,
+    AxisValues, DeadZoneName, FeaturesAtName, ForceAxesName, GyroscopicTorqueName, KernelName, LawName,
+    LengthScaleConfig, SolverConfig, SquareMatrix, SymmetricMatrix,
 };
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -358,7 +358,7 @@ channel! {
         required gain_per_s;
         optional velocity_error_to_position position_fix_gain_per_s position_fix_hold_s
     }
-    joint { required velocity_noise_m_s speed_box_m_s; optional position_noise_m joint length_scale_m_s; names TRANSLATION_NAMES }
+    joint { required velocity_noise_m_s speed_box_m_s; optional position_noise_m joint force_axes length_scale_m_s; names TRANSLATION_NAMES }
     words {
         sensor: "Velocity measurements", output: "velocity", outputs: "speeds",
         measured: "velocities that are flown", rate: "a number, three numbers (diagonal) or 3 × 3",
@@ -413,6 +413,12 @@ channel! {
         pub gain_per_s: Option<f64>,
     }
     last {
+        /// Axes along which the unknown force is learned: "inertial" or "body".
+        ///
+        /// "body" for an underwater vehicle, whose drag and added mass are other ones across than along. A multicopter is better off with
+        /// "inertial". Measured in docs/accuracy.md.
+        #[serde(default)]
+        pub force_axes: ForceAxesName,
         /// What the joint law assumes of a vehicle; the defaults fly.
         #[serde(default)]
         pub joint: TranslationJoint,

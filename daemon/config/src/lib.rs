@@ -40,6 +40,6 @@ pub use service::{
     Clock, Config, DeadlineConfig, InitialConfig, InputConfig, SnapshotConfig, SourcePolicy, Trigger,
 };
 pub use values::{
-    AxisValues, DeadZoneName, FeaturesAtName, GyroscopicTorqueName, KernelName, LawName, LengthScaleConfig,
-    OutlierAction, SolverConfig, SolverName, SolverOptions, SquareMatrix, SymmetricMatrix,
+    AxisValues, DeadZoneName, FeaturesAtName, ForceAxesName, GyroscopicTorqueName, KernelName, LawName,
+    LengthScaleConfig, OutlierAction, SolverConfig, SolverName, SolverOptions, SquareMatrix, SymmetricMatrix,
 };

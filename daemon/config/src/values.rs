@@ -213,6 +213,17 @@ pub enum FeaturesAtName {
     Estimated,
 }
 
+/// Axes along which the joint law learns the unknown force.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum ForceAxesName {
+    /// Inertial ones: wind and current are constant along them, and so is an error of the attitude that does not turn with the vehicle.
+    #[default]
+    Inertial,
+    /// The body's: a drag or an added mass that differs along the vehicle's axes, a wing. They need the attitude.
+    Body,
+}
+
 /// Who accounts for −ω × Iω.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]

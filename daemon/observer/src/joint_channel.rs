@@ -94,6 +94,8 @@ pub struct JointSample {
     pub specific_force: Option<(Vector3<f64>, f64)>,
     /// The sensor.
     pub sensor: SensorUse,
+    /// Body to inertial, for features along the body's axes.
+    pub attitude: Option<UnitQuaternion<f64>>,
 }
 
 /// The filter's state at an instant.
@@ -316,6 +318,9 @@ impl<K: JointPose> JointChannel<K> {
             return None;
         }
         self.move_to(stamp_ns);
+        if let Some(attitude) = sample.attitude.filter(|_| self.filter.design().in_body_axes) {
+            self.filter.turn(&mut self.at.state, &attitude);
+        }
         self.history.is_learning = teaches == Teaches::All;
         if let Some(take_fix) = take_fix {
             take_fix(&mut self.at.pose);

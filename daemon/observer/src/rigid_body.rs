@@ -375,6 +375,9 @@ impl RigidBodyObserver {
     fn accept_translation(&mut self, sample: &Sample, Learn { frozen, teaches }: Learn) -> bool {
         let teaches = teaches[ChannelName::Translation as usize];
         let inertial = self.inertial(sample);
+        let in_body_axes =
+            self.joint_translation().is_some_and(|channel| channel.filter().design().in_body_axes);
+        let attitude = if in_body_axes { self.rotation_at(sample.stamp_ns) } else { None };
         match &mut self.translation {
             None => false,
             Some(LawChannel::Gradient(translation)) => {
@@ -414,6 +417,7 @@ impl RigidBodyObserver {
                     command: inertial.force,
                     specific_force: inertial.specific_force,
                     sensor: sample.sensor,
+                    attitude: attitude.map(|rotating| rotating.attitude),
                 };
                 let agreement = translation.accept(
                     sample.stamp_ns,

@@ -26,7 +26,7 @@
 #include <stdint.h>
 
 /** Tells the payloads of one version from those of another: for observer_open(). */
-#define OBSERVER_LAYOUT UINT32_C(0xa106399a)
+#define OBSERVER_LAYOUT UINT32_C(0x55cda757)
 
 /** Enough for the text of any reply, with its end. */
 #define OBSERVER_REPLY_TEXT_BYTES 249
@@ -338,6 +338,9 @@ typedef struct {
   uint64_t source_late[16]; /**< Of these, those that came after a newer one of any source. */
   uint64_t source_lost[16]; /**< Gaps in its sequence. */
   uint64_t source_rejected[16]; /**< Its samples that were rejected. */
+  /** Recent mean of the normalized innovation squared of its velocities, about 1 where their noise is right; 0
+   * where it has none, and with the gradient law. */
+  double source_nis[16];
   uint64_t adaptation_frozen; /**< 1 while adaptation is frozen by an operator. */
   uint64_t late_ticks_in_a_row; /**< Ticks in a row that ended after their next deadline, now. */
   uint64_t most_late_ticks_in_a_row; /**< The most so far. */
@@ -559,7 +562,7 @@ static_assert(sizeof(observer_counters) == 248 && offsetof(observer_counters, ti
     && offsetof(observer_counters, records_dropped) == 232
     && offsetof(observer_counters, ticks_not_recorded) == 240,
     "layout of observer_counters");
-static_assert(sizeof(observer_status) == 1936 && offsetof(observer_status, sequence) == 0
+static_assert(sizeof(observer_status) == 2064 && offsetof(observer_status, sequence) == 0
     && offsetof(observer_status, stamp_ns) == 8 && offsetof(observer_status, start_stamp_ns) == 16
     && offsetof(observer_status, rate_millihertz) == 24 && offsetof(observer_status, dead_zone_width) == 32
     && offsetof(observer_status, counters) == 56 && offsetof(observer_status, newest_sequence) == 304
@@ -572,21 +575,21 @@ static_assert(sizeof(observer_status) == 1936 && offsetof(observer_status, seque
     && offsetof(observer_status, source_max_delays_ns) == 1024
     && offsetof(observer_status, source_accepted) == 1152 && offsetof(observer_status, source_late) == 1280
     && offsetof(observer_status, source_lost) == 1408 && offsetof(observer_status, source_rejected) == 1536
-    && offsetof(observer_status, adaptation_frozen) == 1664
-    && offsetof(observer_status, late_ticks_in_a_row) == 1672
-    && offsetof(observer_status, most_late_ticks_in_a_row) == 1680
-    && offsetof(observer_status, real_time_requested) == 1688
-    && offsetof(observer_status, real_time_granted) == 1696
-    && offsetof(observer_status, snapshot_restored) == 1704
-    && offsetof(observer_status, snapshots_saved) == 1712
-    && offsetof(observer_status, snapshots_failed) == 1720
-    && offsetof(observer_status, snapshot_stamp_ns) == 1728
-    && offsetof(observer_status, ticks_recorded) == 1736
-    && offsetof(observer_status, wake_up_lateness_ns) == 1744 && offsetof(observer_status, step_ns) == 1792
-    && offsetof(observer_status, input_age_ns) == 1840
-    && offsetof(observer_status, source_to_publish_ns) == 1888,
+    && offsetof(observer_status, source_nis) == 1664 && offsetof(observer_status, adaptation_frozen) == 1792
+    && offsetof(observer_status, late_ticks_in_a_row) == 1800
+    && offsetof(observer_status, most_late_ticks_in_a_row) == 1808
+    && offsetof(observer_status, real_time_requested) == 1816
+    && offsetof(observer_status, real_time_granted) == 1824
+    && offsetof(observer_status, snapshot_restored) == 1832
+    && offsetof(observer_status, snapshots_saved) == 1840
+    && offsetof(observer_status, snapshots_failed) == 1848
+    && offsetof(observer_status, snapshot_stamp_ns) == 1856
+    && offsetof(observer_status, ticks_recorded) == 1864
+    && offsetof(observer_status, wake_up_lateness_ns) == 1872 && offsetof(observer_status, step_ns) == 1920
+    && offsetof(observer_status, input_age_ns) == 1968
+    && offsetof(observer_status, source_to_publish_ns) == 2016,
     "layout of observer_status");
-static_assert(sizeof(observer_reply) == 2192 && offsetof(observer_reply, outcome) == 0
+static_assert(sizeof(observer_reply) == 2320 && offsetof(observer_reply, outcome) == 0
     && offsetof(observer_reply, message_bytes) == 4 && offsetof(observer_reply, message) == 8
     && offsetof(observer_reply, status) == 256,
     "layout of observer_reply");

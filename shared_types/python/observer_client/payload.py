@@ -14,6 +14,7 @@ u32 = Annotated[int, ctypes.c_uint32]
 u64 = Annotated[int, ctypes.c_uint64]
 f64 = Annotated[float, ctypes.c_double]
 f64x12 = Annotated[ctypes.Array, array(ctypes.c_double, 12)]
+f64x16 = Annotated[ctypes.Array, array(ctypes.c_double, 16)]
 f64x3 = Annotated[ctypes.Array, array(ctypes.c_double, 3)]
 f64x4 = Annotated[ctypes.Array, array(ctypes.c_double, 4)]
 f64x6 = Annotated[ctypes.Array, array(ctypes.c_double, 6)]
@@ -397,6 +398,9 @@ class Status(StatusStructure):
     source_late: u64x16  # Of these, those that came after a newer one of any source.
     source_lost: u64x16  # Gaps in its sequence.
     source_rejected: u64x16  # Its samples that were rejected.
+    # Recent mean of the normalized innovation squared of its velocities, about 1 where their noise is right;
+    # 0 where it has none, and with the gradient law.
+    source_nis: f64x16
     adaptation_frozen: u64  # 1 while adaptation is frozen by an operator.
     late_ticks_in_a_row: u64  # Ticks in a row that ended after their next deadline, now.
     most_late_ticks_in_a_row: u64  # The most so far.

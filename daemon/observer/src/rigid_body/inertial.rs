@@ -23,8 +23,8 @@ pub(super) struct InertialSample {
 
 /// Attitude and angular velocity of an instant, with their largest deviations: 0 where the law has none.
 #[derive(Debug, Clone, Copy, Default)]
-struct Rotating {
-    attitude: UnitQuaternion<f64>,
+pub(super) struct Rotating {
+    pub(super) attitude: UnitQuaternion<f64>,
     attitude_std_rad: f64,
     rate: Vector3<f64>,
     rate_std_rad_s: f64,
@@ -85,7 +85,7 @@ impl RigidBodyObserver {
     }
 
     /// Attitude and angular velocity at `stamp_ns`; `None` where the attitude was never told.
-    fn rotation_at(&mut self, stamp_ns: u64) -> Option<Rotating> {
+    pub(super) fn rotation_at(&mut self, stamp_ns: u64) -> Option<Rotating> {
         let largest = |std: [f64; 3]| std.into_iter().fold(0.0, f64::max);
         match &mut self.rotation {
             Some(LawChannel::Gradient(rotation)) => {

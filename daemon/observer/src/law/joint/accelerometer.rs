@@ -36,7 +36,7 @@ impl JointFilter {
         let bias_row = self.n - 1;
         let mut lags = state.scalars.lags;
         let differences = lags.advance(0.0, command, (&self.design.lags_s, &[1.0; 2]));
-        let uncovered = self.evaluate_features(&state.velocity(), command, &differences);
+        let uncovered = self.evaluate_features(&state.velocity(), command, &differences, &state.scalars.axes);
         let means = state.mean.each_ref().map(|mean| &mean[..]);
         let of_weights = self.unit.dots(means, &self.features);
         state.excitation.teaching_features(&self.features, 1.0, &mut self.teaching);
@@ -163,7 +163,7 @@ mod tests {
         });
         let differences = state.scalars.lags.advance(0.0, &command, (&filter.design.lags_s, &[1.0; 2]));
         let velocity = mean.each_ref().map(|mean| mean[VELOCITY]);
-        let uncovered = filter.evaluate_features(&velocity, &command, &differences);
+        let uncovered = filter.evaluate_features(&velocity, &command, &differences, &state.scalars.axes);
         let noise = 0.3_f64.powi(2) + filter.design.prior.kernel.powi(2) * uncovered;
         let gain = &before * &h / (h.dot(&(&before * &h)) + noise);
         let shrink = DMatrix::identity(2 + n_weights, 2 + n_weights) - &gain * h.transpose();

@@ -47,6 +47,8 @@ pub struct JointDesign {
     pub noise: [f64; 3],
     /// Deviation of a position's component where the sample has none (m); `None` where there is no position.
     pub position_noise: Option<f64>,
+    /// Whether the features are along the body's axes: they need the attitude. Otherwise inertial.
+    pub in_body_axes: bool,
     /// `None`: specific forces are not used.
     pub accelerometer: Option<AccelerometerDesign>,
     /// N_a, samples after which the noise levels follow; 0: the configured noises stand.

@@ -5,7 +5,10 @@
 //! φ(v) = R⁻¹ k(v), the Newton features of the kernel with κ(0) = 1
 //! ā_i' = (a_u − ā_i)/τ_i
 //! ```
+//!
+//! All of it along the axes of the features, inertial ones or the body's ([`super::axes`]).
 
+use super::axes::Axes;
 use super::filter::JointFilter;
 use super::rows::{KERNEL, WEIGHTS};
 
@@ -13,13 +16,16 @@ use super::rows::{KERNEL, WEIGHTS};
 const MAX_LINEAR: f64 = 2.0;
 
 impl JointFilter {
-    /// ψ at this velocity and command into `self.features`, and P_N(v)², the part that the centers cannot represent.
+    /// ψ at this velocity and command, inertial, into `self.features`, and P_N(v)², the part that the centers cannot represent.
     pub(crate) fn evaluate_features(
         &mut self,
         velocity: &[f64; 3],
         command: &[f64; 3],
         lag_differences: &[[f64; 3]; 2],
+        axes: &Axes,
     ) -> f64 {
+        let (velocity, command) = (&axes.of_features(velocity), &axes.of_features(command));
+        let lag_differences = lag_differences.each_ref().map(|difference| axes.of_features(difference));
         let (prior, psi) = (&self.design.prior, &mut self.features);
         psi[WEIGHTS] = prior.bias;
         for axis in 0..3 {

@@ -20,6 +20,8 @@ pub struct JointFilter {
     pub(super) unit: VectorUnit,
     /// Rows in use, and rows up to whole lanes.
     pub(crate) n: usize,
+    /// Rows without what comes after the kernel's.
+    pub(super) n_kernel: usize,
     pub(super) n_padded: usize,
     /// 1/T_k, 0 for the position's row and for what fills up.
     pub(super) rates_per_s: Vec<f64>,
@@ -93,6 +95,7 @@ impl JointFilter {
         Ok(Self {
             unit: VectorUnit::of_this_machine(),
             n,
+            n_kernel,
             n_padded,
             rates_per_s,
             prior_variances,

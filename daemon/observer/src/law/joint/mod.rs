@@ -27,6 +27,7 @@
 //! The model, the two noise levels and the excitation are ours; docs/method.md derives them.
 
 pub(crate) mod accelerometer;
+pub(crate) mod axes;
 pub(crate) mod command;
 pub(crate) mod covariance;
 pub(crate) mod design;

@@ -64,7 +64,7 @@ impl JointFilter {
         let decays = self.decays(h_s, true);
         let lags = &mut state.scalars.lags;
         let differences = lags.advance(h_s, command, (&self.design.lags_s, &decays.lags));
-        let uncovered = self.evaluate_features(&state.velocity(), command, &differences);
+        let uncovered = self.evaluate_features(&state.velocity(), command, &differences, &state.scalars.axes);
         let (scales, design) = (&mut self.scales, &self.design.excitation);
         scales.set(h_s, &self.rates_per_s, design.variation_time_s, teaches);
         state.scalars.command.follow(scales.command_rate, command);
@@ -89,7 +89,7 @@ impl JointFilter {
         let differences = lags.advance(h_s, command, (&self.design.lags_s, &decays.lags));
         // They start anew with the next command.
         state.scalars.lags = Lags::unknown();
-        let uncovered = self.evaluate_features(&state.velocity(), command, &differences);
+        let uncovered = self.evaluate_features(&state.velocity(), command, &differences, &state.scalars.axes);
         let variation_time_s = self.design.excitation.variation_time_s;
         self.scales.set(h_s, &self.rates_per_s, variation_time_s, teaches);
         let learned = self.advance(state, (h_s, decays.disturbance), (command, known), uncovered);
@@ -161,7 +161,7 @@ impl JointFilter {
         let decays = self.decays(h_s, false);
         let mut lags = state.scalars.lags;
         let differences = lags.advance(h_s, command, (&self.design.lags_s, &decays.lags));
-        let uncovered = self.evaluate_features(&state.velocity(), command, &differences);
+        let uncovered = self.evaluate_features(&state.velocity(), command, &differences, &state.scalars.axes);
         let step = self.transition(state, (h_s, decays.disturbance), (command, known), uncovered);
         let from_command = gap_s.map_or(0.0, |gap_s| {
             let end_s = gap_s + h_s;

@@ -31,7 +31,7 @@ impl JointFilter {
                 let mut velocity = state.velocity();
                 velocity[axis] += side * step;
                 // What depends on the command is the same on both sides.
-                self.evaluate_features(&velocity, &[0.0; 3], &[[0.0; 3]; 2]);
+                self.evaluate_features(&velocity, &[0.0; 3], &[[0.0; 3]; 2], &state.scalars.axes);
                 sum += side * self.unit.dots([&state.mean[axis][..]], &self.features)[0];
             }
         }

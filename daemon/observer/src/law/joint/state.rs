@@ -1,5 +1,6 @@
 //! What the joint filter estimates, and all that its future depends on.
 
+use super::axes::Axes;
 use super::command::CommandStatistics;
 use super::covariance::Covariance;
 use super::excitation::Excitation;
@@ -37,6 +38,8 @@ pub(crate) struct JointScalars {
     pub(crate) noise_levels: NoiseLevels,
     /// J of a coast with an accelerometer, else 0 (1/s).
     pub(crate) slope_per_s: f64,
+    /// Of the features.
+    pub(crate) axes: Axes,
     pub(crate) lags: Lags,
     pub(crate) command: CommandStatistics,
 }
@@ -51,6 +54,7 @@ impl JointScalars {
             position_is_known: [false; 3],
             noise_levels: NoiseLevels::configured(),
             slope_per_s: 0.0,
+            axes: Axes::default(),
             lags: Lags::unknown(),
             command: CommandStatistics::unknown(),
         }
@@ -83,10 +87,10 @@ impl JointState {
 
     /// How many numbers [`JointState::write`] writes, of n rows.
     pub(crate) fn n_numbers(n: usize) -> usize {
-        3 * n + 3 * (n * (n + 1) / 2) + n
+        3 * n + 3 * (n * (n + 1) / 2) + n + Axes::N_NUMBERS
     }
 
-    /// X, the lower triangle of each axis's P, and ψ̄. No allocation.
+    /// X, the lower triangle of each axis's P, ψ̄, and the axes of the features. No allocation.
     pub(crate) fn write(&mut self, n: usize, numbers: &mut [f64]) {
         self.covariances_in_use_mut().iter_mut().for_each(Covariance::settle);
         let mut rest = numbers;
@@ -101,6 +105,7 @@ impl JointState {
             (0..n).for_each(|i| (0..=i).for_each(|j| put(&[covariance.at(i, j)])));
         }
         put(&self.excitation.mean[..n]);
+        put(&self.scalars.axes.numbers());
     }
 
     /// Takes over what another state of the same filter has written. No allocation.
@@ -118,6 +123,7 @@ impl JointState {
             }
         }
         self.excitation.mean[..n].copy_from_slice(take(n));
+        self.scalars.axes = Axes::of_numbers(take(Axes::N_NUMBERS));
     }
 
     /// P of one axis.
