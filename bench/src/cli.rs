@@ -95,7 +95,7 @@ Examples:
     #[command(after_help = "\
 Examples:
   bench sensors
-  bench sensors --scenario auv-survey --json")]
+  bench sensors --sensors auv-survey --json")]
     Sensors(sensors::SensorsArguments),
     /// What the sensor's noise alone teaches the gradient law: f̂ of a hover in still air.
     #[command(after_help = "\

@@ -323,6 +323,17 @@ fn joint_translation(keys: &TranslationConfig, rate_hz: f64) -> Result<JointTran
     let noise = given(keys.velocity_noise_m_s, Parameter::Joint("noise"))?;
     let mut filter = joint_design!(keys, joint, box_m_s, prior, noise, joint.process_noise_m2_s3);
     filter.position_noise = Some(keys.position_noise_m);
+    // Said by the service even where they are not used.
+    for (name, value) in [
+        ("accelerometer_noise", joint.specific_force_noise_m_s2),
+        ("accelerometer_bias", joint.specific_force_bias_m_s2),
+        ("accelerometer_bias_time_s", joint.specific_force_bias_time_s),
+    ] {
+        if !(value.is_finite() && value >= 0.0) {
+            let needed = "a finite number ≥ 0".to_owned();
+            return Err(DesignError { parameter: Parameter::Joint(name), found: value.to_string(), needed });
+        }
+    }
     filter.in_body_axes = keys.force_axes == ForceAxesName::Body;
     filter.accelerometer = (joint.specific_force_noise_m_s2 > 0.0).then_some(AccelerometerDesign {
         noise: joint.specific_force_noise_m_s2,

@@ -171,13 +171,16 @@ impl Engine {
             self.window.begin(&mut self.estimator, None);
             self.fell_back_ns = [None; 3];
         }
-        for (count, stuck) in self.counters.outputs_stuck.iter_mut().zip(stuck) {
-            *count += u64::from(stuck);
+        // The joint law knows whether a reading had to change; where it decides, it tells.
+        let law_tells = |place: usize| {
+            self.limits.stuck == OutlierAction::Correction && self.is_joint.get(place) == Some(&true)
+        };
+        for (place, stuck) in stuck.into_iter().enumerate().filter(|(place, _)| !law_tells(*place)) {
+            self.counters.outputs_stuck[place] += u64::from(stuck);
             self.tick.status |= bit(stuck, status_bits::STUCK);
         }
         let teaches = stuck.map(|stuck| !(stuck && self.limits.stuck == OutlierAction::Adaptation));
         if self.limits.stuck == OutlierAction::Correction {
-            // The joint law knows whether a reading had to change.
             let is_out = |place: usize| stuck[place] && !self.is_joint[place];
             sample.velocity = sample.velocity.filter(|_| !is_out(0));
             sample.angular_velocity_rad_s = sample.angular_velocity_rad_s.filter(|_| !is_out(1));
@@ -201,6 +204,10 @@ impl Engine {
         self.window.fuse(&mut self.estimator, |fused| {
             if let Some(nis) = fused.velocity_nis {
                 sources.note_nis(fused.source, nis);
+            }
+            for (count, stuck) in counters.outputs_stuck.iter_mut().zip(fused.stuck) {
+                *count += u64::from(stuck);
+                tick.status |= bit(stuck, status_bits::STUCK);
             }
             for (count, is_outlier) in counters.outputs_held_back.iter_mut().zip(fused.outliers) {
                 *count += u64::from(is_outlier);

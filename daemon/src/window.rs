@@ -71,6 +71,8 @@ pub struct Fused {
     pub source: u128,
     /// Which of its outputs were outliers, by channel.
     pub outliers: [bool; 3],
+    /// Which of its outputs repeat what cannot be, by a law that knows it.
+    pub stuck: [bool; 3],
     /// Normalized innovation squared of its velocity, if it has one; 0 with the gradient law.
     pub velocity_nis: Option<f64>,
 }
@@ -237,7 +239,16 @@ impl Window {
                 let velocity_nis =
                     kept.sample.velocity.and_then(|_| estimator.channel(ChannelName::Translation));
                 let velocity_nis = velocity_nis.map(|channel| channel.nis());
-                see(&Fused { source: place.source, outliers, velocity_nis });
+                let has_output = [
+                    kept.sample.velocity.is_some(),
+                    kept.sample.angular_velocity_rad_s.is_some(),
+                    kept.linear.output.is_some(),
+                ];
+                let stuck = ChannelName::ALL.map(|name| {
+                    has_output[name as usize]
+                        && estimator.channel(name).is_some_and(|channel| channel.is_stuck())
+                });
+                see(&Fused { source: place.source, outliers, stuck, velocity_nis });
             }
             self.n_fused += 1;
             if self.mark_is_due(place.stamp_ns) {

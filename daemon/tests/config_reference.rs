@@ -130,7 +130,13 @@ fn with(mut document: toml::Table, key: &str, value: &Value) -> toml::Table {
     let mut table = &mut document;
     let (path, name) = key.rsplit_once('.').unwrap_or(("", key));
     for step in path.split('.').filter(|step| !step.is_empty()) {
-        table = table.entry(step).or_insert(toml::Table::new().into()).as_table_mut().unwrap();
+        // Of several tables, one that is whole.
+        let new = match step {
+            "sensor" => toml::toml! { sensor = [{ name = "dvl", number = 1 }] }["sensor"].clone(),
+            _ => toml::Table::new().into(),
+        };
+        let value = table.entry(step).or_insert(new);
+        table = first_table(value);
     }
     if name.starts_with("centers_listed") {
         table.retain(|other, _| !other.starts_with("centers_"));
@@ -139,10 +145,19 @@ fn with(mut document: toml::Table, key: &str, value: &Value) -> toml::Table {
     document
 }
 
+/// A table, or the first of several.
+fn first_table(value: &mut toml::Value) -> &mut toml::Table {
+    match value {
+        toml::Value::Array(tables) => tables[0].as_table_mut().unwrap(),
+        value => value.as_table_mut().unwrap(),
+    }
+}
+
 /// All keys, `table.key`, with their schemas.
 fn keys() -> Vec<(String, Value)> {
     fn collect(path: &str, schema: &Value, keys: &mut Vec<(String, Value)>) {
-        for schema in std::iter::once(schema).chain(schema["anyOf"].as_array().into_iter().flatten()) {
+        let alternatives = schema["anyOf"].as_array().into_iter().flatten();
+        for schema in [schema, &schema["items"]].into_iter().chain(alternatives) {
             for (name, schema) in schema["properties"].as_object().into_iter().flatten() {
                 let key = if path.is_empty() { name.clone() } else { format!("{path}.{name}") };
                 collect(&key, schema, keys);
@@ -157,7 +172,7 @@ fn keys() -> Vec<(String, Value)> {
 }
 
 fn is_table(schema: &Value) -> bool {
-    schema["properties"].is_object()
+    schema["properties"].is_object() || schema["items"]["properties"].is_object()
 }
 
 #[test]
@@ -178,7 +193,8 @@ fn unknown_keys_and_missing_ones_are_refused_in_every_table() {
         let unknown = with(document_for(&key), &format!("{key}.unknown"), &json!(1.0));
         assert_refused(&unknown, "unknown field `unknown`");
         let alternatives = schema["oneOf"].as_array().into_iter().flatten();
-        for name in std::iter::once(&schema)
+        for name in [&schema, &schema["items"]]
+            .into_iter()
             .chain(alternatives)
             .flat_map(|schema| schema["required"].as_array().into_iter().flatten())
             .map(|name| name.as_str().unwrap())
@@ -187,10 +203,12 @@ fn unknown_keys_and_missing_ones_are_refused_in_every_table() {
         {
             // Some keys one law needs and the other may have.
             let mut document = document_for(&format!("{key}.{name}"));
-            if document[&key].get(name).is_none() {
+            if key == "sensor" {
+                document = with(document, "sensor.lever_arm_m", &json!([0.1, 0.0, 0.0]));
+            } else if document[&key].get(name).is_none() {
                 document = preset("rigid-body-gradient");
             }
-            document[&key].as_table_mut().unwrap().remove(name).unwrap_or_else(|| panic!("{key}.{name}"));
+            first_table(&mut document[&key]).remove(name).unwrap_or_else(|| panic!("{key}.{name}"));
             assert_refused(&document, if name.starts_with("centers_") { "centers_listed_…" } else { name });
         }
     }
@@ -242,7 +260,7 @@ fn every_example_of_the_reference_is_taken() {
     let text = reference::markdown();
     let blocks: Vec<&str> =
         text.split("```toml\n").skip(1).map(|rest| rest.split("```").next().unwrap()).collect();
-    assert_eq!(blocks.len(), 12);
+    assert_eq!(blocks.len(), 13);
     for block in blocks {
         let mut document: toml::Table = block.parse().unwrap_or_else(|error| panic!("{error}\n{block}"));
         let has_a_channel =
@@ -304,7 +322,9 @@ fn every_bound_is_held() {
 
 #[test]
 fn values_of_another_type_are_refused() {
-    for (key, schema) in keys().into_iter().filter(|(_, schema)| !is_table(schema)) {
+    // A sensor may have any name.
+    let keys = keys().into_iter().filter(|(key, schema)| !is_table(schema) && key != "sensor.name");
+    for (key, schema) in keys {
         for value in [json!({ "x": [] }), json!("no such word"), json!([["x"]])] {
             let document = with(document_for(&key), &key, &value);
             let agreed = by_schema(&document).is_empty() == by_service(&document).is_ok();
@@ -340,6 +360,7 @@ fn every_default_is_the_one_in_use() {
             let table = key.split('.').next().unwrap();
             if ["translation", "rotation", "linear"].contains(&table) && !tables.contains(&table)
                 || key.ends_with(".solver")
+                || table == "sensor"
             {
                 continue;
             }

@@ -229,8 +229,8 @@ fn a_configured_sensor_gives_the_estimates_of_an_ideal_one() {
     let (ideal, installed) = (fly(true), fly(false));
     for axis in 0..3 {
         let difference = ideal.velocity_m_s[axis] - installed.velocity_m_s[axis];
-        // The estimated angular velocity is not exact.
-        assert!(difference.abs() < 2e-3, "axis {axis}: {difference}");
+        // The estimated angular velocity is not exact; its noise is 0.005 rad/s, at 0.9 m.
+        assert!(difference.abs() < 5e-3, "axis {axis}: {difference}");
     }
 }
 

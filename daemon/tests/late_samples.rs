@@ -160,7 +160,7 @@ fn zeros_without_bottom_lock_are_not_believed() {
     let mut engine = engine_of("auv", |_| ());
     let mut now_ns = START_NS;
     let mut speed_after = |from: u64, to: u64, has_lock: bool| {
-        let mut held_back_after_s = None;
+        let mut named_after_s = None;
         let mut estimate = Estimate::default();
         for j in from..to {
             now_ns += 10 * MS;
@@ -173,17 +173,17 @@ fn zeros_without_bottom_lock_are_not_believed() {
             engine.begin(now_ns, 0);
             engine.take(&if j % 20 == 0 { sample.with_body_velocity_m_s(velocity) } else { sample }, 1);
             estimate = engine.conclude();
-            if estimate.status & status_bits::HELD_BACK != 0 {
-                held_back_after_s.get_or_insert((j - from) as f64 / 100.0);
+            if estimate.status & status_bits::STUCK != 0 {
+                named_after_s.get_or_insert((j - from) as f64 / 100.0);
             }
         }
-        (estimate.velocity_m_s[0], held_back_after_s)
+        (estimate.velocity_m_s[0], named_after_s)
     };
     let (speed, _) = speed_after(0, 6000, true);
     assert!((speed - 1.0).abs() < 0.02, "{speed}");
-    let (speed, held_back_after_s) = speed_after(6000, 9000, false);
+    let (speed, named_after_s) = speed_after(6000, 9000, false);
     assert!((speed - 1.0).abs() < 0.2, "{speed}");
-    assert!(held_back_after_s.is_some_and(|after_s| after_s < 1.0), "{held_back_after_s:?}");
+    assert!(named_after_s.is_some_and(|after_s| after_s < 1.0), "{named_after_s:?}");
     let (speed, _) = speed_after(9000, 9100, true);
     assert!((speed - 1.0).abs() < 0.02, "{speed}");
 }

@@ -14,9 +14,7 @@ pub fn markdown() -> String {
     let mut text = String::from(INTRODUCTION);
     text += &section("Without a table", "", &SCHEMA);
     for (name, schema) in properties(&SCHEMA).filter(|(_, schema)| table(schema).is_some()) {
-        let brackets = if schema["type"] == "array" { "[[]]" } else { "[]" };
-        let (open, close) = brackets.split_at(brackets.len() / 2);
-        text += &section(&format!("`{open}{name}{close}`"), name, schema);
+        text += &section(&format!("`{}`", header(name, schema)), name, schema);
     }
     // The solver's table is the same in every channel.
     for (heading, path) in [
@@ -97,10 +95,15 @@ fn section(heading: &str, path: &str, schema: &Value) -> String {
     text + &format!("\n```toml\n{}```\n", whole_example(path, schema))
 }
 
+/// `[name]`, or `[[name]]` of one of several tables.
+fn header(name: &str, schema: &Value) -> String {
+    if schema["type"] == "array" { format!("[[{name}]]") } else { format!("[{name}]") }
+}
+
 /// A table as one may write it: what is required, or else all that there is.
 fn whole_example(path: &str, schema: &Value) -> String {
     let required = required(schema);
-    let mut text = if path.is_empty() { String::new() } else { format!("[{path}]\n") };
+    let mut text = if path.is_empty() { String::new() } else { header(path, schema) + "\n" };
     for (name, key) in properties(schema).filter(|(name, key)| {
         if path.is_empty() { table(key).is_none() } else { required.is_empty() || required.contains(name) }
     }) {

@@ -269,14 +269,15 @@ mod tests {
     #[test]
     fn what_a_sample_does_not_carry_is_absent_and_the_rest_is_there_to_the_bit() {
         let sample = Measurement::at(5, 2).with_velocity_m_s([-0.0, f64::INFINITY, 1.0]);
-        // sequence, stamp, valid, frame, flags, absent; field 7 of 27 bytes: three doubles with their tags.
-        let mut needed = vec![0x08, 2, 0x10, 5, 0x18, 1, 0x20, 0, 0x28, 0, 0x30, 0, 0x3a, 27];
+        // sequence, stamp, valid, frame, flags, absent, sensor, frame; field 9 of 27 bytes: three doubles with their tags.
+        let mut needed =
+            vec![0x08, 2, 0x10, 5, 0x18, 1, 0x20, 0, 0x28, 0, 0x30, 0, 0x38, 0, 0x40, 0, 0x4a, 27];
         for (tag, value) in [(0x09, -0.0_f64), (0x11, f64::INFINITY), (0x19, 1.0)] {
             needed.push(tag);
             needed.extend(value.to_le_bytes());
         }
-        // Fields 15 to 18, the deviations: always there.
-        for tag in [&[0x7a][..], &[0x82, 1], &[0x8a, 1], &[0x92, 1]] {
+        // Fields 18 to 22, the deviations: always there.
+        for tag in [[0x92, 1], [0x9a, 1], [0xa2, 1], [0xaa, 1], [0xb2, 1]] {
             needed.extend(tag);
             needed.push(27);
             for component in [0x09, 0x11, 0x19] {

@@ -79,6 +79,7 @@ fn valid_bit(key: &str) -> Option<u32> {
     let bit = match key {
         "velocity_m_s" => valid::VELOCITY,
         "angular_velocity_rad_s" => valid::ANGULAR_VELOCITY,
+        "specific_force_m_s2" => valid::SPECIFIC_FORCE,
         "position_m" => valid::POSITION,
         "attitude_wxyz" => valid::ATTITUDE,
         "force_n" => valid::FORCE,

@@ -180,6 +180,11 @@ pub trait AnyChannel {
         0.0
     }
 
+    /// Whether the newest output repeats what cannot be, and is not used; of a law that knows it.
+    fn is_stuck(&self) -> bool {
+        false
+    }
+
     /// Forgets the state, not what was learned: starts again from the next output, with any stamp.
     fn restart(&mut self);
 
@@ -292,6 +297,10 @@ where
 
     fn nis(&self) -> f64 {
         JointChannel::nis(self)
+    }
+
+    fn is_stuck(&self) -> bool {
+        JointChannel::is_stuck(self)
     }
 
     fn restart(&mut self) {

@@ -535,6 +535,11 @@ impl<K: JointPose> JointChannel<K> {
         self.history.nis
     }
 
+    /// Whether the newest outputs repeat what cannot be, and are not used.
+    pub fn is_stuck(&self) -> bool {
+        self.history.is_stuck
+    }
+
     /// p, the number of weights of each axis.
     pub fn n_weights(&self) -> usize {
         self.filter.n_weights()

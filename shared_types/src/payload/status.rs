@@ -241,7 +241,8 @@ pub struct SourceStatus {
 impl Status {
     /// The sources that have sent.
     pub fn sources(&self) -> impl Iterator<Item = SourceStatus> {
-        (0..MAX_SOURCES).filter(|&k| self.source_ages_ns[k] != u64::MAX).map(|k| SourceStatus {
+        let has_sent = |k: &usize| self.source_accepted[*k] + self.source_rejected[*k] > 0;
+        (0..MAX_SOURCES).filter(has_sent).map(|k| SourceStatus {
             pid: self.source_pids[k],
             sensor: self.source_sensors[k],
             age_ns: self.source_ages_ns[k],

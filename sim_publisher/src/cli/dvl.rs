@@ -2,22 +2,21 @@
 
 use super::target::{Failure, TargetArgs, connected};
 use crate::dvl::{DvlCounts, Options, Origin, TcpAddress, run};
-use clap::{ArgGroup, Args};
+use clap::Args;
 use command_line::stop_flag;
 use shared_types::{logln, outln};
 use std::path::PathBuf;
 
 #[derive(Debug, Args)]
-#[command(group = ArgGroup::new("origin").required(true))]
 pub(super) struct DvlArgs {
     /// The log's own server: tcp:HOST[:PORT]
-    #[arg(long, value_name = "ADDRESS", group = "origin")]
+    #[arg(long, value_name = "ADDRESS", conflicts_with_all = ["listen", "replay"])]
     connect: Option<TcpAddress>,
     /// Wait there for a program that forwards the log's lines: tcp:ADDRESS[:PORT]
-    #[arg(long, value_name = "ADDRESS", group = "origin")]
+    #[arg(long, value_name = "ADDRESS", conflicts_with = "replay")]
     listen: Option<TcpAddress>,
     /// Lines that --record has written, at the pace of their times
-    #[arg(long, value_name = "FILE", group = "origin")]
+    #[arg(long, value_name = "FILE")]
     replay: Option<PathBuf>,
     /// Number of its [[sensor]] in the service's configuration: lever arm, mounting
     #[arg(long, value_name = "N", default_value_t = 0)]
@@ -46,7 +45,7 @@ pub(super) fn dvl(args: &DvlArgs) -> Result<(), Failure> {
         args.replay.clone().map(Origin::Replay),
     ];
     let Some(origin) = origins.into_iter().flatten().next() else {
-        return Err(Failure::Usage("--connect, --listen or --replay".into()));
+        return Err(Failure::Usage("no log; needed: --connect, --listen or --replay".into()));
     };
     let options = Options {
         origin,

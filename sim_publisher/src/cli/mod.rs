@@ -90,8 +90,8 @@ Examples:
     /// Publishes the velocities of a Doppler log: Water Linked's JSON over TCP (A50, A125)
     #[command(after_help = "\
 Velocity reports with bottom lock become samples, as old as their times of
-validity and transmission say, and as sure as their covariance or figure of merit.
-Dead reckoning is ignored.
+validity and transmission say, and as sure as their covariance or figure of
+merit. Dead reckoning is ignored.
 
 Examples:
   # The log's own server; its place on the vehicle is [[sensor]] number 1
