@@ -233,8 +233,8 @@ impl SetSensor {
         if !(0.0..=1.0).contains(&self.dropout_probability) {
             return refuse("dropout_probability", self.dropout_probability.to_string(), "0 … 1");
         }
-        let norm = Quaternion::from(self.mounting_wxyz_xyzw()).norm();
-        if !((norm - 1.0).abs() < 1e-3) {
+        let norm = Quaternion::from(self.mounting_xyzw()).norm();
+        if !(0.999..=1.001).contains(&norm) {
             return refuse("mounting_wxyz", format!("{:?}", self.mounting_wxyz), "a unit quaternion");
         }
         if self.measures.is_empty() {
@@ -250,13 +250,13 @@ impl SetSensor {
         Ok(())
     }
 
-    fn mounting_wxyz_xyzw(&self) -> [f64; 4] {
+    fn mounting_xyzw(&self) -> [f64; 4] {
         let [w, x, y, z] = self.mounting_wxyz;
         [x, y, z, w]
     }
 
     fn mounting(&self) -> UnitQuaternion<f64> {
-        UnitQuaternion::from_quaternion(Quaternion::from(self.mounting_wxyz_xyzw()))
+        UnitQuaternion::from_quaternion(Quaternion::from(self.mounting_xyzw()))
     }
 
     /// Its reading of a step, with this noise.

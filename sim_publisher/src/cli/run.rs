@@ -1,7 +1,7 @@
 //! `sim_publisher run`: simulates a vehicle with its sensors and faults.
 
 use super::arguments::parse_axes;
-use super::run_set::run_set;
+use super::run_set::{SetArgs, run_set};
 use super::target::{Failure, TargetArgs, publish_source, report};
 use crate::delivery::Outgoing;
 use crate::faults::{Fault, Faults, Faulty, Reach, Tally, check_faults, read_faults};
@@ -29,24 +29,17 @@ pub(super) struct RunArgs {
         "jitter_us", "dropout_probability", "outage", "position_fix_hz", "calm", "faults", "table",
     ])]
     sensors: Option<String>,
-    /// With --sensors: each in a process of its own, instead of a publisher of its own
-    #[arg(long, requires = "sensors", conflicts_with = "only")]
-    pub(super) processes: bool,
-    /// With --sensors: this one alone
-    #[arg(long, value_name = "NAME", requires = "sensors")]
-    pub(super) only: Option<String>,
-    /// The start that the processes of all sensors share
-    #[arg(long, hide = true, requires = "only")]
-    pub(super) start_ns: Option<u64>,
+    #[command(flatten)]
+    set: SetArgs,
     /// Length of the run in s [default: until Ctrl-C]
     #[arg(long, visible_alias = "duration-s", value_name = "S")]
-    pub(super) duration: Option<f64>,
+    duration: Option<f64>,
     /// Rate of the samples
     #[arg(long, value_name = "HZ", default_value_t = DEFAULT_RATE_HZ)]
     rate_hz: f64,
     /// Seed of all chance: the same options give the same samples
     #[arg(long, default_value_t = 1)]
-    pub(super) seed: u64,
+    seed: u64,
     /// White noise of the velocity, standard deviation of each axis [default: the scenario's]
     #[arg(long, value_name = "M_S")]
     velocity_noise_m_s: Option<f64>,
@@ -87,7 +80,7 @@ pub(super) struct RunArgs {
     #[arg(long, hide = true, default_value_t = u64::MAX)]
     dead_since_ns: u64,
     #[command(flatten)]
-    pub(super) target: TargetArgs,
+    target: TargetArgs,
 }
 
 fn sensors_help() -> String {
@@ -128,7 +121,7 @@ fn faults(args: &RunArgs, options: &SimulationOptions) -> Result<Vec<Fault>, Fai
 
 pub(super) fn run(args: &RunArgs) -> Result<(), Failure> {
     if let Some(name) = &args.sensors {
-        return run_set(name, args);
+        return run_set(name, &args.set, (args.duration, args.seed), &args.target);
     }
     let Some(scenario) = args.scenario else { return Err(Failure::Usage("--scenario or --sensors".into())) };
     let options = options(args, scenario);

@@ -43,6 +43,7 @@ pub(crate) mod slope;
 pub(crate) mod state;
 pub(crate) mod stray;
 pub(crate) mod teaches;
+pub(crate) mod turn;
 pub(crate) mod update;
 
 #[cfg(test)]
