@@ -136,8 +136,8 @@ impl Engine {
                 return self.reject(reason, measurement, source);
             }
         };
-        let Measurement { stamp_ns, sequence, valid, .. } = measurement;
-        let place = Place { stamp_ns, valid, source, sequence };
+        let Measurement { stamp_ns, sequence, valid, sensor, .. } = measurement;
+        let place = Place { stamp_ns, sensor, valid, source, sequence };
         let arrival = Arrival {
             now_ns: wake_ns,
             window_start_ns: self.window.start_ns(),

@@ -7,7 +7,7 @@
 //! | samples | order |
 //! |---|---|
 //! | of different stamps | the stamps |
-//! | of equal stamps | the bits of `valid`, then the source, then its sequence |
+//! | of equal stamps | the sensor's number, the bits of `valid`, then the source, then its sequence |
 //!
 //! Everything is allocated at the start. With the local solver a mark would be a copy of a million numbers: then there are
 //! none, and a late sample is too late.
@@ -39,6 +39,8 @@ const MIN_FUSED_AGAIN: usize = 16;
 pub struct Place {
     /// Its stamp (ns).
     pub stamp_ns: u64,
+    /// Number of its sensor.
+    pub sensor: u32,
     /// Its valid fields.
     pub valid: u32,
     /// Its source.
@@ -140,7 +142,8 @@ impl Window {
         self.kept.clear();
         self.marks.clear();
         (self.n_fused, self.has_to_return, self.newest_ns) = (0, false, newest_ns);
-        let last = Place { stamp_ns: 0, valid: u32::MAX, source: u128::MAX, sequence: u64::MAX };
+        let last =
+            Place { stamp_ns: 0, sensor: u32::MAX, valid: u32::MAX, source: u128::MAX, sequence: u64::MAX };
         self.mark(estimator, newest_ns.map(|stamp_ns| Place { stamp_ns, ..last }));
     }
 

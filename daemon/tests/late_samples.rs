@@ -1,7 +1,7 @@
 //! Samples of several sources that arrive late and in any order: one answer, and what it costs in accuracy.
 
 use daemon::assemble;
-use daemon::config::{Clock, Config, ConfigFile};
+use daemon::config::{Clock, Config, ConfigFile, ForceAxesName};
 use daemon::engine::Engine;
 use shared_types::payload::{Rejection, status_bits};
 use shared_types::{Estimate, Measurement};
@@ -78,10 +78,12 @@ fn window(random: &mut Random, start_ns: u64, sequences: &mut [u64; 4]) -> Vec<S
                 0 => sample
                     .with_angular_velocity_rad_s([0.1 + noise, 0.3 * t_s.sin(), 0.1])
                     .with_attitude_wxyz([1.0, 0.0, 0.0, 0.0])
+                    .with_specific_force_m_s2([noise, 0.1, -9.7])
                     .with_torque_n_m([0.0, 0.01 * t_s.cos(), 0.0]),
                 1 if step % 2 == 0 => sample.with_velocity_m_s([t_s.sin() + noise, 0.2, -noise]),
-                1 => sample.with_body_velocity_m_s([t_s.sin(), 0.2 + noise, noise]),
+                1 => sample.with_body_velocity_m_s([t_s.sin(), 0.2 + noise, noise]).of_sensor(1),
                 2 => sample.with_position_z_m(-3.0 + noise),
+                _ if step % 2 == 0 => sample.with_body_force_n([t_s.cos(), noise, -19.62]),
                 _ => sample.with_force_n([t_s.cos(), noise, -19.62]),
             };
             sequences[source] += 1;
@@ -100,9 +102,9 @@ fn bits(estimate: &Estimate) -> Vec<u8> {
 }
 
 /// Windows of one stream, in the order of the stamps and as late as it happens: the same bits once all are there.
-fn any_order_gives_the_same_bits(preset: &str, windows: u64) {
+fn any_order_gives_the_same_bits(preset: &str, windows: u64, change: fn(&mut Config)) {
     let mut random = Random(7);
-    let mut engines = [0, 1].map(|_| engine_of(preset, |_| ()));
+    let mut engines = [0, 1].map(|_| engine_of(preset, change));
     let mut now_ns = [START_NS; 2];
     let (mut sequences, mut n_sent) = ([0; 4], 0);
     for number in 0..windows {
@@ -130,12 +132,26 @@ fn any_order_gives_the_same_bits(preset: &str, windows: u64) {
 
 #[test]
 fn in_any_order_of_arrival_the_joint_law_gives_the_same_bits() {
-    any_order_gives_the_same_bits("rigid-body", 400);
+    any_order_gives_the_same_bits("rigid-body", 400, |_| ());
 }
 
 #[test]
 fn in_any_order_of_arrival_the_gradient_law_gives_the_same_bits() {
-    any_order_gives_the_same_bits("rigid-body-gradient", 400);
+    any_order_gives_the_same_bits("rigid-body-gradient", 400, |_| ());
+}
+
+/// A sensor off the center that is turned and late, an accelerometer, and what is learned along the body's axes.
+#[test]
+fn in_any_order_of_arrival_a_configured_sensor_gives_the_same_bits() {
+    any_order_gives_the_same_bits("rigid-body", 400, |config| {
+        let sensor = "name = \"dvl\"\nnumber = 1\nlever_arm_m = [0.5, 0.1, -0.2]\nmounting_wxyz = [0, 0, 0, 1]\n\
+                      velocity_noise_m_s = 0.05\nlatency_s = 0.02\noutliers = \"reject\"";
+        config.sensor.push(toml::from_str(sensor).unwrap());
+        if let Some(translation) = &mut config.translation {
+            translation.joint.specific_force_noise_m_s2 = 0.5;
+            translation.force_axes = ForceAxesName::Body;
+        }
+    });
 }
 
 #[test]
@@ -191,5 +207,5 @@ fn zeros_without_bottom_lock_are_not_believed() {
 #[test]
 #[ignore = "ten minutes: 100 000 windows"]
 fn in_any_order_of_arrival_many_times() {
-    any_order_gives_the_same_bits("rigid-body", 100_000);
+    any_order_gives_the_same_bits("rigid-body", 100_000, |_| ());
 }

@@ -124,6 +124,21 @@ impl Bytes<'_> {
         if m.valid & valid::ATTITUDE != 0 {
             m.attitude_wxyz = self.quaternion();
         }
+        let more = self.byte();
+        if more & 1 != 0 {
+            m.valid |= valid::SPECIFIC_FORCE;
+            m.specific_force_m_s2 = self.numbers();
+        }
+        m.force_frame = u32::from(more >> 1 & 1);
+        m.sensor = u32::from(more >> 2 & 3);
+        if more & 16 != 0 {
+            m.absent = u32::from(u16::from_le_bytes(self.array()));
+        }
+        if more & 32 != 0 {
+            m.velocity_std_m_s = self.numbers();
+            m.position_std_m = self.numbers();
+            m.specific_force_std_m_s2 = self.numbers();
+        }
         m
     }
 }
