@@ -293,9 +293,22 @@ impl Housekeeping {
             say!("no sample yet; waiting for a source");
         }
         if now.source_changes != before.source_changes {
-            let pid = record.source.and_then(|source| self.ports.source_pid(source));
-            let pid = pid.map_or("unknown".into(), |pid| pid.to_string());
-            say!("source of samples is process {pid} (change {})", now.source_changes);
+            let pid =
+                |source: u128| self.ports.source_pid(source).map_or("unknown".into(), |pid| pid.to_string());
+            match record.sources.rows().filter(|row| row.accepted > 0).count() {
+                0 | 1 => {
+                    let pid = record.source.map_or("unknown".into(), pid);
+                    say!("source of samples is process {pid} (change {})", now.source_changes);
+                }
+                n => {
+                    let pids: Vec<_> = record.sources.rows().map(|row| pid(row.source)).collect();
+                    say!(
+                        "{n} sources of samples: processes {} (change {})",
+                        pids.join(", "),
+                        now.source_changes
+                    );
+                }
+            }
         }
         if record.other_source.is_some() && record.other_source != self.logged.other_source {
             if let Some(pid) = record.other_source.and_then(|source| self.ports.source_pid(source)) {
