@@ -11,11 +11,11 @@ use crate::config::{
 use crate::estimator::Estimator;
 use nalgebra::{DMatrix, DVector, Matrix3, Quaternion, UnitQuaternion, Vector3};
 use observer::{
-    AccelerometerDesign, Centers, ChannelDesign, DeadZone, DeadZoneShape, DesignError, DisturbanceBounds,
-    ExcitationDesign, FeaturePoint, GradientOptions, GyroscopicTorque, InitialState, InnovationGate,
-    JointChannelDesign, JointDesign, JointRotationDesign, JointTranslationDesign, Kernel, LengthScale,
-    LinearDesign, LinearObserver, LocalSolver, Parameter, PriorDeviations, RigidBodyObserver, RotationDesign,
-    RotationLaw, Solver, TranslationDesign, TranslationLaw,
+    AccelerometerDesign, BodyAxesDesign, Centers, ChannelDesign, DeadZone, DeadZoneShape, DesignError,
+    DisturbanceBounds, ExcitationDesign, FeaturePoint, GradientOptions, GyroscopicTorque, InitialState,
+    InnovationGate, JointChannelDesign, JointDesign, JointRotationDesign, JointTranslationDesign, Kernel,
+    LengthScale, LinearDesign, LinearObserver, LocalSolver, Parameter, PriorDeviations, RigidBodyObserver,
+    RotationDesign, RotationLaw, Solver, TranslationDesign, TranslationLaw,
 };
 
 /// An output is held for this many of its sample periods; then its channel coasts.
@@ -287,7 +287,7 @@ macro_rules! joint_design {
             lags_s: $joint.lag_times_s,
             noise: $noise.into(),
             position_noise: None,
-            in_body_axes: false,
+            body_axes: None,
             accelerometer: None,
             noise_samples: $joint.noise_memory_samples,
             excitation: ExcitationDesign {
@@ -325,6 +325,7 @@ fn joint_translation(keys: &TranslationConfig, rate_hz: f64) -> Result<JointTran
     filter.position_noise = Some(keys.position_noise_m);
     // Said by the service even where they are not used.
     for (name, value) in [
+        ("turn", joint.prior_turn),
         ("accelerometer_noise", joint.specific_force_noise_m_s2),
         ("accelerometer_bias", joint.specific_force_bias_m_s2),
         ("accelerometer_bias_time_s", joint.specific_force_bias_time_s),
@@ -334,7 +335,8 @@ fn joint_translation(keys: &TranslationConfig, rate_hz: f64) -> Result<JointTran
             return Err(DesignError { parameter: Parameter::Joint(name), found: value.to_string(), needed });
         }
     }
-    filter.in_body_axes = keys.force_axes == ForceAxesName::Body;
+    let body_axes = BodyAxesDesign { turn: joint.prior_turn };
+    filter.body_axes = (keys.force_axes == ForceAxesName::Body).then_some(body_axes);
     filter.accelerometer = (joint.specific_force_noise_m_s2 > 0.0).then_some(AccelerometerDesign {
         noise: joint.specific_force_noise_m_s2,
         bias: joint.specific_force_bias_m_s2,

@@ -61,7 +61,7 @@ pub(super) fn joint_design(centers: Centers) -> JointChannelDesign {
         lags_s: [0.05, 0.2],
         noise: [DEAD_ZONE_WIDTH; 3],
         position_noise: None,
-        in_body_axes: false,
+        body_axes: None,
         accelerometer: None,
         noise_samples: 500.0,
         excitation: ExcitationDesign {

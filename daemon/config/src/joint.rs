@@ -105,6 +105,9 @@ joint! {
     }
     words { command: "force", motion: "velocity" }
     last {
+        /// Relative size of an added mass that differs along the body's axes, 1 σ: of the force ω × v of a vehicle that turns. With
+        /// force_axes = "body".
+        pub prior_turn = 0.3,
         /// White noise of measured specific forces, 1 σ of each axis, where their samples and sensors say none; 0: they are not used.
         ///
         /// That of an accelerometer on a vehicle that vibrates is 0.5 and more. They need the attitude, and `gravity_m_s2` as it
@@ -153,6 +156,7 @@ pub(crate) const TRANSLATION_NAMES: &[(&str, &str)] = &[
     ("idle_rate", "joint.excitation_idle_rate"),
     ("input", "joint.prior_input"),
     ("lag", "joint.prior_lag"),
+    ("turn", "joint.prior_turn"),
     ("accelerometer_noise", "joint.specific_force_noise_m_s2"),
     ("accelerometer_bias", "joint.specific_force_bias_m_s2"),
     ("accelerometer_bias_time_s", "joint.specific_force_bias_time_s"),

@@ -94,8 +94,8 @@ pub struct JointSample {
     pub specific_force: Option<(Vector3<f64>, f64)>,
     /// The sensor.
     pub sensor: SensorUse,
-    /// Body to inertial, for features along the body's axes.
-    pub attitude: Option<UnitQuaternion<f64>>,
+    /// Attitude, body to inertial, and ω, body axes (rad/s), for features along the body's axes.
+    pub turning: Option<(UnitQuaternion<f64>, Vector3<f64>)>,
 }
 
 /// The filter's state at an instant.
@@ -318,8 +318,8 @@ impl<K: JointPose> JointChannel<K> {
             return None;
         }
         self.move_to(stamp_ns);
-        if let Some(attitude) = sample.attitude.filter(|_| self.filter.design().in_body_axes) {
-            self.filter.turn(&mut self.at.state, &attitude);
+        if let Some((attitude, rate)) = &sample.turning {
+            self.filter.turn(&mut self.at.state, attitude, rate);
         }
         self.history.is_learning = teaches == Teaches::All;
         if let Some(take_fix) = take_fix {

@@ -119,7 +119,9 @@ pub use joint_channel::{
 pub use law::channel::{Ahead, BodyChannel, Channel};
 pub use law::dead_zone::{DeadZone, DeadZoneShape};
 pub use law::gradient::{GradientLaw, HeldOutput, Learning};
-pub use law::joint::design::{AccelerometerDesign, ExcitationDesign, JointDesign, PriorDeviations};
+pub use law::joint::design::{
+    AccelerometerDesign, BodyAxesDesign, ExcitationDesign, JointDesign, PriorDeviations,
+};
 pub use law::joint::filter::JointFilter;
 pub use law::joint::predict::{JointPrediction, LearnedAcceleration};
 pub use law::joint::sensor::{MAX_SENSORS, Outliers, SensorUse};

@@ -376,8 +376,8 @@ impl RigidBodyObserver {
         let teaches = teaches[ChannelName::Translation as usize];
         let inertial = self.inertial(sample);
         let in_body_axes =
-            self.joint_translation().is_some_and(|channel| channel.filter().design().in_body_axes);
-        let attitude = if in_body_axes { self.rotation_at(sample.stamp_ns) } else { None };
+            self.joint_translation().is_some_and(|channel| channel.filter().design().body_axes.is_some());
+        let rotation = if in_body_axes { self.rotation_at(sample.stamp_ns) } else { None };
         match &mut self.translation {
             None => false,
             Some(LawChannel::Gradient(translation)) => {
@@ -417,7 +417,11 @@ impl RigidBodyObserver {
                     command: inertial.force,
                     specific_force: inertial.specific_force,
                     sensor: sample.sensor,
-                    attitude: attitude.map(|rotating| rotating.attitude),
+                    turning: rotation.map(|rotating| {
+                        // A body without a rotation channel has but the measured rate.
+                        let measured = sample.angular_velocity_quality.whole(sample.angular_velocity_rad_s);
+                        (rotating.attitude, measured.unwrap_or(rotating.rate))
+                    }),
                 };
                 let agreement = translation.accept(
                     sample.stamp_ns,

@@ -26,7 +26,7 @@ pub(super) struct InertialSample {
 pub(super) struct Rotating {
     pub(super) attitude: UnitQuaternion<f64>,
     attitude_std_rad: f64,
-    rate: Vector3<f64>,
+    pub(super) rate: Vector3<f64>,
     rate_std_rad_s: f64,
 }
 

@@ -74,7 +74,7 @@ pub(crate) fn joint_law(noise: [f64; 3]) -> JointDesign {
         lags_s: [0.05, 0.2],
         noise,
         position_noise: None,
-        in_body_axes: false,
+        body_axes: None,
         accelerometer: None,
         noise_samples: 500.0,
         excitation: ExcitationDesign {

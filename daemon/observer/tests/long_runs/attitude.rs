@@ -49,7 +49,7 @@ fn design() -> JointChannelDesign {
             lags_s: [0.05, 0.1],
             noise: [RATE_STD_RAD_S; 3],
             position_noise: None,
-            in_body_axes: false,
+            body_axes: None,
             accelerometer: None,
             noise_samples: 500.0,
             excitation: ExcitationDesign {

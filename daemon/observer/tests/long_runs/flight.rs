@@ -130,7 +130,7 @@ impl Kind {
                 lags_s: [0.05, 0.2],
                 noise: [self.noise_m_s; 3],
                 position_noise: None,
-                in_body_axes: false,
+                body_axes: None,
                 accelerometer: None,
                 noise_samples: 500.0,
                 excitation: ExcitationDesign {

@@ -47,14 +47,21 @@ pub struct JointDesign {
     pub noise: [f64; 3],
     /// Deviation of a position's component where the sample has none (m); `None` where there is no position.
     pub position_noise: Option<f64>,
-    /// Whether the features are along the body's axes: they need the attitude. Otherwise inertial.
-    pub in_body_axes: bool,
+    /// Features along the body's axes: they need the attitude. `None`: along inertial axes.
+    pub body_axes: Option<BodyAxesDesign>,
     /// `None`: specific forces are not used.
     pub accelerometer: Option<AccelerometerDesign>,
     /// N_a, samples after which the noise levels follow; 0: the configured noises stand.
     pub noise_samples: f64,
     /// What may teach under low excitation.
     pub excitation: ExcitationDesign,
+}
+
+/// What is learned along the body's axes only.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct BodyAxesDesign {
+    /// σ_c, of the acceleration ω × v, per unit (1): of an added mass that differs along the axes, over the mass.
+    pub turn: f64,
 }
 
 /// An accelerometer whose specific forces are measurements of the unknown acceleration.
@@ -117,6 +124,7 @@ impl JointDesign {
             ("lag", prior.lag),
             ("disturbance", prior.disturbance),
             ("process_noise", self.process_noise),
+            ("turn", self.body_axes.map_or(0.0, |body_axes| body_axes.turn)),
             ("accelerometer_bias", self.accelerometer.map_or(0.0, |accelerometer| accelerometer.bias)),
             ("noise_samples", self.noise_samples),
             ("correction_share", excitation.correction_share),

@@ -10,7 +10,8 @@
 
 use super::axes::Axes;
 use super::filter::JointFilter;
-use super::rows::{KERNEL, WEIGHTS};
+use super::rows::{KERNEL, N_TURN, WEIGHTS};
+use nalgebra::Vector3;
 
 /// The linear rows see no more than this many half-widths: a long coast may run away.
 const MAX_LINEAR: f64 = 2.0;
@@ -41,6 +42,13 @@ impl JointFilter {
         let scale = prior.kernel / value_at_zero.sqrt();
         for (psi, phi) in psi[KERNEL..].iter_mut().zip(self.buffers.features()) {
             *psi = scale * phi;
+        }
+        if let Some(body_axes) = &self.design.body_axes {
+            // The body's axes: ω and the velocity.
+            let turning = Vector3::from(axes.rate).cross(&Vector3::from(*velocity));
+            for (psi, turning) in psi[self.n_kernel - N_TURN..].iter_mut().zip(&turning) {
+                *psi = body_axes.turn * turning;
+            }
         }
         (1.0 - squared_features / value_at_zero).max(0.0)
     }

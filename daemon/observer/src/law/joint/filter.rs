@@ -5,7 +5,7 @@ use super::covariance::Covariance;
 use super::design::JointDesign;
 use super::excitation::Excitation;
 use super::lags::Lags;
-use super::rows::{DISTURBANCE, KERNEL, N_PARAMETRIC, POSITION, VELOCITY, WEIGHTS};
+use super::rows::{DISTURBANCE, KERNEL, N_PARAMETRIC, N_TURN, POSITION, VELOCITY, WEIGHTS};
 use super::state::{JointScalars, JointState};
 use super::teaches::Teaches;
 use crate::error::DesignError;
@@ -20,7 +20,7 @@ pub struct JointFilter {
     pub(super) unit: VectorUnit,
     /// Rows in use, and rows up to whole lanes.
     pub(crate) n: usize,
-    /// Rows without what comes after the kernel's.
+    /// Rows without the accelerometer's bias.
     pub(super) n_kernel: usize,
     pub(super) n_padded: usize,
     /// 1/T_k, 0 for the position's row and for what fills up.
@@ -74,7 +74,8 @@ impl JointFilter {
     pub fn new(design: &JointDesign) -> Result<Self, DesignError> {
         design.check()?;
         let space = NativeSpace::whole(design.kernel, &design.length_scale, design.centers.clone(), 0.0)?;
-        let n_kernel = KERNEL + design.centers.n_centers();
+        let n_turn = if design.body_axes.is_some() { N_TURN } else { 0 };
+        let n_kernel = KERNEL + design.centers.n_centers() + n_turn;
         let n = n_kernel + usize::from(design.accelerometer.is_some());
         let n_padded = whole_lanes(n);
         let mut rates_per_s = vec![0.0; n_padded];

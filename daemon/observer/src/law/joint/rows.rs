@@ -10,5 +10,7 @@ pub(crate) const WEIGHTS: usize = 2;
 pub(crate) const N_PARAMETRIC: usize = 13;
 /// Row of the position; without a position its entries are 0.
 pub(crate) const POSITION: usize = WEIGHTS + N_PARAMETRIC;
-/// First row of the kernel's weights; after the last of them, the accelerometer's bias, where there is an accelerometer.
+/// Rows of ω × v, with features along the body's axes: after the kernel's.
+pub(crate) const N_TURN: usize = 3;
+/// First row of the kernel's weights; after the last of them and of [`N_TURN`], the accelerometer's bias, where there is an accelerometer.
 pub(crate) const KERNEL: usize = POSITION + 1;

@@ -6,11 +6,12 @@ use super::state::JointState;
 use nalgebra::{UnitQuaternion, Vector3};
 
 impl JointFilter {
-    /// The body has turned to this attitude, and what was learned with it. No allocation.
+    /// The body has turned to this attitude, and what was learned with it; ω along the body's axes (rad/s). No allocation.
     ///
     /// # Cost
     /// 9 p multiply-adds.
-    pub(crate) fn turn(&self, state: &mut JointState, attitude: &UnitQuaternion<f64>) {
+    pub(crate) fn turn(&self, state: &mut JointState, attitude: &UnitQuaternion<f64>, rate: &Vector3<f64>) {
+        state.scalars.axes.rate = (*rate).into();
         let matrix = state.scalars.axes.turn(attitude).to_rotation_matrix();
         for k in (WEIGHTS..POSITION).chain(KERNEL..self.n_kernel) {
             let weights = matrix * Vector3::from_fn(|axis, _| state.mean[axis][k]);
@@ -23,6 +24,7 @@ impl JointFilter {
 mod tests {
     use super::*;
     use crate::designs::joint_law;
+    use crate::law::joint::design::{BodyAxesDesign, JointDesign};
     use crate::law::joint::sensor::SensorUse;
     use crate::law::joint::teaches::Teaches;
 
@@ -32,11 +34,15 @@ mod tests {
     fn a_drag_along_the_body_s_axes_is_learned_while_the_vehicle_turns() {
         let h_s = 0.02;
         let attitude = |t_s: f64| UnitQuaternion::new(Vector3::new(0.0, 0.0, 0.4 * t_s));
+        // And an added mass of half the vehicle's own across it.
         let drag = |v: &Vector3<f64>, q: &UnitQuaternion<f64>| {
-            q * (q.inverse() * v).component_mul(&Vector3::new(-0.05, -1.0, -1.0))
+            let along = q.inverse() * v;
+            let added = Vector3::new(0.0, 0.0, 0.4).cross(&along.component_mul(&Vector3::new(0.0, 0.5, 0.5)));
+            q * (along.component_mul(&Vector3::new(-0.05, -1.0, -1.0)) - added)
         };
         let fly = |in_body_axes: bool| {
-            let mut filter = JointFilter::new(&joint_law([0.01; 3])).unwrap();
+            let body_axes = in_body_axes.then_some(BodyAxesDesign { turn: 0.3 });
+            let mut filter = JointFilter::new(&JointDesign { body_axes, ..joint_law([0.01; 3]) }).unwrap();
             let mut state = filter.new_state();
             let mut v = Vector3::new(0.5, 0.0, 0.0);
             let (mut squares, mut n) = (0.0, 0);
@@ -46,7 +52,7 @@ mod tests {
                 let command =
                     q * Vector3::new(0.4 + 0.3 * t_s.sin(), 0.5 * (1.7 * t_s).sin(), (0.6 * t_s).cos());
                 if in_body_axes {
-                    filter.turn(&mut state, &q);
+                    filter.turn(&mut state, &q, &Vector3::new(0.0, 0.0, 0.4));
                 }
                 let y = std::array::from_fn(|axis| Some(v[axis]));
                 let how = (SensorUse::default(), Teaches::All);
