@@ -14,16 +14,18 @@ use daemon::assemble;
 use daemon::config::{ConfigFile, SensorConfig};
 use daemon::sensors::Sensors;
 use flight_record::{Entry, Frame, Reader};
-use nalgebra::{Matrix4, Vector3, Vector4};
+use nalgebra::{Matrix3, Vector3, Vector4};
 use observer::{Learn, Sample, Velocity};
 use serde::Serialize;
 use shared_types::{Measurement, outln};
 use std::path::Path;
 
-/// Lever arm along x, y, z (m) and latency (s): the steps of the finite differences.
-const STEPS: [f64; 4] = [0.02, 0.02, 0.02, 0.01];
+/// Step of the finite differences along each axis of the lever arm (m).
+const STEP_M: f64 = 0.02;
 /// With a larger deviation than this, a number is not observable in the flight, and stays as it was.
-const LARGEST_STD: [f64; 4] = [0.15, 0.15, 0.15, 0.05];
+const LARGEST_STD_M: f64 = 0.15;
+/// Likewise of the latency (s).
+const LARGEST_STD_S: f64 = 0.05;
 const NAMES: [&str; 4] = ["lever arm x (m)", "lever arm y (m)", "lever arm z (m)", "latency (s)"];
 const ITERATIONS: usize = 5;
 /// Residuals count from this part of the flight on: before, the filter learns.
@@ -155,19 +157,22 @@ impl<'a> Fit<'a> {
         file
     }
 
+    /// The samples with this configuration, in the order of their stamps, each with its place in the record.
+    fn read(&self, file: &ConfigFile) -> Vec<(Sample, usize)> {
+        let sensors = Sensors::new(&file.config.sensor);
+        let read = self.samples.iter().zip(0..);
+        let read = read.filter_map(|(m, place)| Some((sensors.sample(m, &file.config.input).ok()?, place)));
+        let mut read: Vec<(Sample, usize)> = read.collect();
+        read.sort_by_key(|(sample, _)| sample.stamp_ns);
+        read
+    }
+
     /// The residual of each velocity of the sensor, with its stamp as recorded; in the record's order.
     fn residuals(&self, numbers: &Vector4<f64>) -> anyhow::Result<Vec<(u64, Vector3<f64>)>> {
         let file = self.configured(numbers);
-        let sensors = Sensors::new(&file.config.sensor);
         let mut observer = assemble::rigid_body(&file)?;
-        let read = self.samples.iter().enumerate().filter_map(|(place, measurement)| {
-            let sample = sensors.sample(measurement, &file.config.input).ok()?;
-            Some((sample, place))
-        });
-        let mut read: Vec<(Sample, usize)> = read.collect();
-        read.sort_by_key(|(sample, _)| sample.stamp_ns);
         let mut residuals = Vec::new();
-        for (sample, place) in read {
+        for (sample, place) in self.read(&file) {
             let measurement = &self.samples[place];
             if measurement.sensor == self.number
                 && let Some(velocity) = sample.velocity
@@ -208,21 +213,22 @@ impl<'a> Fit<'a> {
         let latency = self.latency()?;
         let mut numbers = before;
         numbers[3] = latency.map_or(before[3], |(latency_s, _)| latency_s);
-        let mut moves = [true, true, true, false];
-        let mut std = [f64::INFINITY; 4];
+        let mut moves = [true; 3];
+        let mut arm_std_m = [f64::INFINITY; 3];
         for _ in 0..ITERATIONS {
             let (step, found) = self.step(&numbers, &moves)?;
             for k in 0..3 {
-                if moves[k] && found[k] > LARGEST_STD[k] {
+                if moves[k] && found[k] > LARGEST_STD_M {
                     (moves[k], numbers[k]) = (false, before[k]);
                 }
                 if moves[k] {
                     numbers[k] += step[k];
                 }
             }
-            std = found;
+            arm_std_m = found;
         }
-        std[3] = latency.map_or(f64::INFINITY, |(_, std_s)| std_s);
+        let [x_std, y_std, z_std] = arm_std_m;
+        let std = [x_std, y_std, z_std, latency.map_or(f64::INFINITY, |(_, std_s)| std_s)];
         let is_observable = [moves[0], moves[1], moves[2], latency.is_some()];
         let at_end = self.residuals(&numbers)?;
         let rms = |residuals, half| rms(&self.of_half(residuals, half));
@@ -250,14 +256,9 @@ impl<'a> Fit<'a> {
         for sensor in file.config.sensor.iter_mut().filter(|sensor| sensor.number == self.number) {
             (sensor.lever_arm_m, sensor.latency_s) = ([0.0; 3], 0.0);
         }
-        let sensors = Sensors::new(&file.config.sensor);
         let mut observer = assemble::rigid_body(&file)?;
-        let limits = &file.config.input;
-        let read = self.samples.iter().filter_map(|m| Some((sensors.sample(m, limits).ok()?, m.sensor)));
-        let mut read: Vec<(Sample, u32)> = read.collect();
-        read.sort_by_key(|(sample, _)| sample.stamp_ns);
         let (mut moments, mut readings) = (Vec::<Moment>::new(), Vec::new());
-        for (sample, sensor) in read {
+        for (sample, place) in self.read(&file) {
             observer.accept(&sample, Learn::ALL);
             if !self.halves[0].contains(&sample.stamp_ns) {
                 continue;
@@ -270,7 +271,7 @@ impl<'a> Fit<'a> {
                 let of_arm_per_s = turn * now.angular_velocity_rad_s.cross_matrix();
                 moments.push(Moment::after(moments.last(), t_s, &acceleration, &turn, of_arm_per_s));
             }
-            match sample.velocity.filter(|_| sensor == self.number) {
+            match sample.velocity.filter(|_| self.samples[place].sensor == self.number) {
                 Some(Velocity::Inertial(velocity_m_s)) => readings.push(Reading { t_s, velocity_m_s }),
                 // Turned with the attitude of its stamp: a slow vehicle turns little within the latency.
                 Some(Velocity::Body(velocity)) => {
@@ -280,28 +281,28 @@ impl<'a> Fit<'a> {
             }
         }
         let found = if moments.is_empty() { None } else { latency_s(&moments, &readings) };
-        Ok(found.filter(|(_, std_s)| *std_s < LARGEST_STD[3]))
+        Ok(found.filter(|(_, std_s)| *std_s < LARGEST_STD_S))
     }
 
-    /// A Gauss–Newton step on the first half, and the deviations of the numbers; 0 for those that stay.
-    fn step(&self, at: &Vector4<f64>, moves: &[bool; 4]) -> anyhow::Result<(Vector4<f64>, [f64; 4])> {
+    /// A Gauss–Newton step of the lever arm on the first half, and its deviations (m); 0 for what stays.
+    fn step(&self, at: &Vector4<f64>, moves: &[bool; 3]) -> anyhow::Result<(Vector3<f64>, [f64; 3])> {
         let residuals = self.of_half(&self.residuals(at)?, 0);
         let mut columns = Vec::new();
-        for k in 0..4 {
+        for k in 0..3 {
             let mut there = *at;
-            there[k] += STEPS[k];
+            there[k] += STEP_M;
             let moved = if moves[k] { self.of_half(&self.residuals(&there)?, 0) } else { residuals.clone() };
             let pairs = moved.iter().zip(&residuals);
-            columns.push(pairs.map(|(moved, here)| (moved - here) / STEPS[k]).collect::<Vec<_>>());
+            columns.push(pairs.map(|(moved, here)| (moved - here) / STEP_M).collect::<Vec<_>>());
         }
         let mut sizes: Vec<f64> = residuals.iter().map(|residual| residual.abs()).collect();
         sizes.sort_by(f64::total_cmp);
         let scale = (1.4826 * sizes[sizes.len() / 2]).max(1e-9);
         let (mut normal, mut right, mut squares, mut total) =
-            (Matrix4::<f64>::zeros(), Vector4::<f64>::zeros(), 0.0, 0.0);
+            (Matrix3::<f64>::zeros(), Vector3::<f64>::zeros(), 0.0, 0.0);
         for (j, residual) in residuals.iter().enumerate() {
             let weight = (HUBER * scale / residual.abs()).min(1.0);
-            let row = Vector4::from_fn(|k, _| columns[k][j]);
+            let row = Vector3::from_fn(|k, _| columns[k][j]);
             normal += weight * row * row.transpose();
             right -= weight * *residual * row;
             squares += weight * residual * residual;

@@ -375,9 +375,6 @@ impl RigidBodyObserver {
     fn accept_translation(&mut self, sample: &Sample, Learn { frozen, teaches }: Learn) -> bool {
         let teaches = teaches[ChannelName::Translation as usize];
         let inertial = self.inertial(sample);
-        let in_body_axes =
-            self.joint_translation().is_some_and(|channel| channel.filter().design().body_axes.is_some());
-        let rotation = if in_body_axes { self.rotation_at(sample.stamp_ns) } else { None };
         match &mut self.translation {
             None => false,
             Some(LawChannel::Gradient(translation)) => {
@@ -417,11 +414,7 @@ impl RigidBodyObserver {
                     command: inertial.force,
                     specific_force: inertial.specific_force,
                     sensor: sample.sensor,
-                    turning: rotation.map(|rotating| {
-                        // A body without a rotation channel has but the measured rate.
-                        let measured = sample.angular_velocity_quality.whole(sample.angular_velocity_rad_s);
-                        (rotating.attitude, measured.unwrap_or(rotating.rate))
-                    }),
+                    turning: inertial.turning,
                 };
                 let agreement = translation.accept(
                     sample.stamp_ns,

@@ -163,10 +163,7 @@ fn print_status(status: &Status) {
     for source in status.sources() {
         let process = if source.pid == 0 { "gone".into() } else { format!("process {}", source.pid) };
         let sensor = if source.sensor == 0 { "–".into() } else { source.sensor.to_string() };
-        let rate = match source.period_ns {
-            0 => "–".into(),
-            period_ns => format!("{:.1}", 1e9 / period_ns as f64),
-        };
+        let rate = source.rate_hz().map_or("–".into(), |rate_hz| format!("{rate_hz:.1}"));
         let ms = |ns: u64| format!("{:.1}", ns as f64 / 1e6);
         let counts = [source.accepted, source.late, source.lost, source.rejected].map(|n| n.to_string());
         let age = format!("{:.3}", seconds(source.age_ns));

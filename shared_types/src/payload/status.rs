@@ -238,6 +238,13 @@ pub struct SourceStatus {
     pub nis: f64,
 }
 
+impl SourceStatus {
+    /// Samples per second, of late; `None` before the second one.
+    pub fn rate_hz(&self) -> Option<f64> {
+        (self.period_ns > 0).then(|| 1e9 / self.period_ns as f64)
+    }
+}
+
 impl Status {
     /// The sources that have sent.
     pub fn sources(&self) -> impl Iterator<Item = SourceStatus> {

@@ -262,10 +262,10 @@ pub fn sample_lines(model: &Model, theme: Theme, width: usize, n_lines: usize) -
     };
     let rows = status.sources().map(|source| {
         let sensor = if source.sensor == 0 { String::new() } else { format!(" sensor {}", source.sensor) };
-        let rate = if source.period_ns == 0 { 0.0 } else { 1e9 / source.period_ns as f64 };
         format!(
-            "{}{sensor}: {rate:.0}/s, {} late, {} ago",
+            "{}{sensor}: {:.0}/s, {} late, {} ago",
             source.pid,
+            source.rate_hz().unwrap_or(0.0),
             duration_ns(source.delay_ns),
             duration_ns(source.age_ns)
         )

@@ -19,14 +19,16 @@ pub(super) struct InertialSample {
     pub(super) force: Option<Vector3<f64>>,
     /// With its deviation.
     pub(super) specific_force: Option<(Vector3<f64>, f64)>,
+    /// Attitude and ω, body axes (rad/s), where the translation's features are along the body's axes.
+    pub(super) turning: Option<(UnitQuaternion<f64>, Vector3<f64>)>,
 }
 
 /// Attitude and angular velocity of an instant, with their largest deviations: 0 where the law has none.
 #[derive(Debug, Clone, Copy, Default)]
-pub(super) struct Rotating {
-    pub(super) attitude: UnitQuaternion<f64>,
+struct Rotating {
+    attitude: UnitQuaternion<f64>,
     attitude_std_rad: f64,
-    pub(super) rate: Vector3<f64>,
+    rate: Vector3<f64>,
     rate_std_rad_s: f64,
 }
 
@@ -39,6 +41,8 @@ impl RigidBodyObserver {
         let is_moved = has_arm && (sample.velocity.is_some() || sample.position_m.is_some());
         let accelerometer =
             self.joint_translation().and_then(|channel| channel.filter().design().accelerometer);
+        let in_body_axes =
+            self.joint_translation().is_some_and(|channel| channel.filter().design().body_axes.is_some());
         let has_force = sample.specific_force_m_s2.is_some() && accelerometer.is_some();
         let is_turned = is_body || sample.force_is_body || has_force;
         let mut inertial = InertialSample {
@@ -50,11 +54,14 @@ impl RigidBodyObserver {
             force: sample.force_n.filter(|_| !sample.force_is_body),
             ..InertialSample::default()
         };
-        if !is_moved && !is_turned {
+        if !is_moved && !is_turned && !in_body_axes {
             return inertial;
         }
         let Some(motion) = self.rotation_at(sample.stamp_ns) else { return inertial };
         let Rotating { attitude, attitude_std_rad, rate, rate_std_rad_s } = motion;
+        // A body without a rotation channel has but the measured rate.
+        let measured = sample.angular_velocity_quality.whole(sample.angular_velocity_rad_s);
+        inertial.turning = in_body_axes.then(|| (attitude, measured.unwrap_or(rate)));
         let arm = sample.lever_arm_m;
         let (of_arm, of_arm_std) = (rate.cross(&arm), arm.norm() * rate_std_rad_s);
         match sample.velocity {
@@ -85,7 +92,7 @@ impl RigidBodyObserver {
     }
 
     /// Attitude and angular velocity at `stamp_ns`; `None` where the attitude was never told.
-    pub(super) fn rotation_at(&mut self, stamp_ns: u64) -> Option<Rotating> {
+    fn rotation_at(&mut self, stamp_ns: u64) -> Option<Rotating> {
         let largest = |std: [f64; 3]| std.into_iter().fold(0.0, f64::max);
         match &mut self.rotation {
             Some(LawChannel::Gradient(rotation)) => {

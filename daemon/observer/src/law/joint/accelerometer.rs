@@ -75,7 +75,10 @@ impl JointFilter {
             let variance = innovation.variance * factor;
             if axis == 0 || !state.scalars.is_shared {
                 let (h, w) = (&self.teaching, &mut self.product);
-                state.covariance(axis).times([h, h], [w, &mut self.column]);
+                // Where the axes share P, it is P h already.
+                if !state.scalars.is_shared {
+                    state.covariance(axis).times([h, h], [w, &mut self.column]);
+                }
                 let of_root = variance.sqrt().recip();
                 self.column.iter_mut().zip(&*w).for_each(|(g, w)| *g = w * of_root);
                 let covariance = &mut state.covariances[axis];
