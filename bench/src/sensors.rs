@@ -9,6 +9,8 @@
 //! | late, silent | likewise, and the velocity's sensor says nothing for a minute while commands flow |
 //! | late, zeros | likewise, and it repeats exact zeros, as if they were valid; where the preset expects that |
 //!
+//! | late, two axes | likewise, and a velocity along the body's axes lacks its third component |
+//! | late, ahead only | likewise, and the second |
 //! | late, outliers told | likewise, and a tenth of the velocities has ten times the noise, and says so |
 //! | late, outliers | likewise, and they do not say so |
 //! | late, outliers rejected | likewise, and the sensor has `outliers = "reject"` |
@@ -23,11 +25,12 @@ use daemon::config::{ConfigFile, OutlierAction, OutlierWeight, SensorConfig};
 use daemon::engine::Engine;
 use nalgebra::Vector3;
 use serde::Serialize;
-use shared_types::payload::valid;
+use shared_types::payload::{absent, frame, valid};
 use shared_types::{Estimate, Measurement, Truth, outln};
 use sim_publisher::delivery::{Delivery, Outgoing};
 use sim_publisher::sensor_set::{Quantity, SetSensor};
 use sim_publisher::{Scenario, SensorSet};
+use std::time::Instant;
 
 const START_NS: u64 = 1_000_000_000_000;
 const FLIGHT_S: f64 = 300.0;
@@ -114,8 +117,13 @@ enum Run {
     Late,
     LateAndSilent,
     LateAndZeros,
+    /// Of velocities along body axes, these bits are absent.
+    LateInPart(u32),
     LateWithOutliers(Outliers),
 }
+
+const TWO_AXES: u32 = absent::VELOCITY_Z;
+const AHEAD_ONLY: u32 = absent::VELOCITY_Y | absent::VELOCITY_Z;
 
 /// What is known of the outliers.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -143,6 +151,10 @@ struct Flown {
     samples_used: u64,
     samples_rejected: u64,
     samples_lost: u64,
+    /// Ticks in which samples were fused again, how many in the mean, and the median time of such a tick, the estimate included.
+    late_ticks: usize,
+    fused_again: f64,
+    late_tick_us: Option<f64>,
 }
 
 /// Runs `bench sensors`.
@@ -162,6 +174,9 @@ pub(crate) fn run(arguments: &SensorsArguments) -> anyhow::Result<()> {
         if case.config.config.input.stuck == OutlierAction::Correction {
             runs.push(Run::LateAndZeros);
         }
+        if case.set.sensor.iter().any(|sensor| sensor.measures.contains(&Quantity::BodyVelocity)) {
+            runs.extend([TWO_AXES, AHEAD_ONLY].map(Run::LateInPart));
+        }
         runs.extend([Outliers::Told, Outliers::Untold, Outliers::Rejected].map(Run::LateWithOutliers));
         for run in runs {
             flown.push(estimate(&case, &truths, &sent, run)?);
@@ -179,6 +194,8 @@ pub(crate) fn run(arguments: &SensorsArguments) -> anyhow::Result<()> {
             "used",
             "rejected",
             "lost",
+            "fused again in a tick",
+            "that tick (µs)",
         ];
         let row = |flown: &Flown| {
             let counts = [flown.samples_sent, flown.samples_used, flown.samples_rejected, flown.samples_lost];
@@ -188,8 +205,17 @@ pub(crate) fn run(arguments: &SensorsArguments) -> anyhow::Result<()> {
                 format!("{:.2}", flown.velocity_nees),
                 format!("{:.2}", flown.position_rms_m),
             ];
+            let late = [
+                format!("{:.1}", flown.fused_again),
+                flown.late_tick_us.map_or("-".into(), |time_us| format!("{time_us:.1}")),
+            ];
             let names = [flown.case.clone(), flown.delivery.into()];
-            names.into_iter().chain(errors).chain(counts.map(|count| count.to_string())).collect::<Vec<_>>()
+            names
+                .into_iter()
+                .chain(errors)
+                .chain(counts.map(|count| count.to_string()))
+                .chain(late)
+                .collect::<Vec<_>>()
         };
         outln!("{}", table(&header, 2, flown.iter().map(row)));
     })
@@ -247,6 +273,11 @@ fn estimate(case: &Case, truths: &[Truth], sent: &[Delivery], run: Run) -> anyho
             let broken = sent.iter_mut().filter(|sent| is_broken(sent));
             broken.for_each(|sent| sent.measurement.velocity_m_s = [0.0; 3]);
         }
+        Run::LateInPart(missing) => {
+            let read = sent.iter_mut().map(|sent| &mut sent.measurement);
+            let of_body = read.filter(|m| m.has(valid::VELOCITY) && m.velocity_frame == frame::BODY);
+            of_body.for_each(|measurement| measurement.absent |= missing);
+        }
         Run::Late | Run::LateWithOutliers(_) => {}
     }
     sent.sort_by_key(|sent| sent.at_ns);
@@ -257,6 +288,7 @@ fn estimate(case: &Case, truths: &[Truth], sent: &[Delivery], run: Run) -> anyho
         sequences[sent.source] += 1;
     }
 
+    let (mut late_us, mut fused_again) = (Vec::new(), 0);
     let mut arriving = sent.iter().peekable();
     let (mut n, mut n_sent, mut squares, mut largest, mut nees, mut positions) =
         (0, 0, 0.0, 0.0_f64, 0.0, 0.0);
@@ -266,7 +298,13 @@ fn estimate(case: &Case, truths: &[Truth], sent: &[Delivery], run: Run) -> anyho
             engine.take(&sent.measurement, sent.source as u128);
             n_sent += 1;
         }
+        let begin = Instant::now();
         let estimate: Estimate = engine.conclude();
+        let n_fused_again = engine.window().n_fused_again();
+        if n_fused_again > 0 {
+            late_us.push(begin.elapsed().as_secs_f64() * 1e6);
+            fused_again += n_fused_again;
+        }
         if engine.checkpoint_is_due() {
             engine.save();
         }
@@ -282,6 +320,7 @@ fn estimate(case: &Case, truths: &[Truth], sent: &[Delivery], run: Run) -> anyho
         positions += (Vector3::from(estimate.position_m) - Vector3::from(truth.position_m)).norm_squared();
     }
     let (counters, n) = (engine.counters(), f64::from(n));
+    late_us.sort_by(f64::total_cmp);
     Ok(Flown {
         case: case.name.clone(),
         delivery: match run {
@@ -289,6 +328,8 @@ fn estimate(case: &Case, truths: &[Truth], sent: &[Delivery], run: Run) -> anyho
             Run::Late => "late",
             Run::LateAndSilent => "late, silent",
             Run::LateAndZeros => "late, zeros",
+            Run::LateInPart(TWO_AXES) => "late, two axes",
+            Run::LateInPart(_) => "late, ahead only",
             Run::LateWithOutliers(Outliers::Told) => "late, outliers told",
             Run::LateWithOutliers(Outliers::Untold) => "late, outliers",
             Run::LateWithOutliers(Outliers::Rejected) => "late, outliers rejected",
@@ -301,6 +342,9 @@ fn estimate(case: &Case, truths: &[Truth], sent: &[Delivery], run: Run) -> anyho
         samples_used: counters.samples_accepted,
         samples_rejected: counters.samples_rejected.iter().sum(),
         samples_lost: counters.samples_lost,
+        late_ticks: late_us.len(),
+        fused_again: fused_again as f64 / late_us.len().max(1) as f64,
+        late_tick_us: late_us.get(late_us.len() / 2).copied(),
     })
 }
 
@@ -312,15 +356,17 @@ mod tests {
     fn late_samples_of_several_processes_are_all_used_and_cost_little() {
         let case = Case::of("auv-survey").unwrap();
         let (truths, sent) = fly(&case, 2).unwrap();
-        let [at_once, late, zeros] = [Run::AtOnce, Run::Late, Run::LateAndZeros]
+        let in_part = Run::LateInPart(TWO_AXES);
+        let [at_once, late, zeros, in_part] = [Run::AtOnce, Run::Late, Run::LateAndZeros, in_part]
             .map(|run| estimate(&case, &truths, &sent, run).unwrap());
-        for flown in [&at_once, &late, &zeros] {
+        for flown in [&at_once, &late, &zeros, &in_part] {
             let counts = (flown.samples_used, flown.samples_rejected, flown.samples_lost);
             assert_eq!(counts, (flown.samples_sent, 0, 0), "{flown:?}");
             assert!(flown.velocity_nees < 1.1, "{flown:?}");
         }
         assert!(late.velocity_rms_m_s < 0.03, "{late:?}");
         assert!(late.velocity_rms_m_s < 1.5 * at_once.velocity_rms_m_s, "{late:?}");
+        assert!(in_part.velocity_rms_m_s < 0.03, "{in_part:?}");
         assert!(late.position_rms_m < 0.5, "{late:?}");
         assert!(zeros.velocity_max_m_s < 1.0, "{zeros:?}");
     }

@@ -389,11 +389,7 @@ fn check_values(m: &Measurement, limits: &InputConfig) -> Result<(), Rejection> 
         frames.iter().any(|(bit, frame)| m.has(*bit) && ![frame::INERTIAL, frame::BODY].contains(frame));
     let has_unknown_bit =
         m.valid & !valid::ALL != 0 || m.flags & !flags::ALL != 0 || m.absent & !absent::ALL != 0;
-    // The direction of a part of a body-fixed vector is not known.
-    let is_missing = |first: u32| missing(m, first).contains(&true);
-    let is_partial =
-        m.has(valid::VELOCITY) && m.velocity_frame == frame::BODY && is_missing(absent::VELOCITY_X)
-            || m.has(valid::SPECIFIC_FORCE) && is_missing(absent::SPECIFIC_FORCE_X);
+    let is_partial = m.has(valid::SPECIFIC_FORCE) && missing(m, absent::SPECIFIC_FORCE_X).contains(&true);
     if m.valid & valid::ALL == 0 || has_unknown_bit || has_unknown_frame || is_partial {
         return Err(Rejection::Malformed);
     }
@@ -420,7 +416,7 @@ fn check_values(m: &Measurement, limits: &InputConfig) -> Result<(), Rejection> 
 }
 
 /// Which of three components are absent, of which this is the bit of the first.
-fn missing(m: &Measurement, first: u32) -> [bool; 3] {
+pub(crate) fn missing(m: &Measurement, first: u32) -> [bool; 3] {
     std::array::from_fn(|axis| m.absent & (first << axis) != 0)
 }
 

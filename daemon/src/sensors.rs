@@ -11,11 +11,14 @@
 //! The lever arm is the observer's: it needs the estimated attitude and angular velocity of that instant.
 
 use crate::config::{InputConfig, OutlierWeight, SensorConfig};
-use crate::gate::sample_of;
+use crate::gate::{missing, sample_of};
 use nalgebra::{Matrix3, Quaternion, UnitQuaternion, Vector3};
 use observer::{MAX_SENSORS, Outliers, Sample, SensorUse};
 use shared_types::Measurement;
 use shared_types::payload::{Rejection, absent, frame, valid};
+
+/// A mounting that turns an axis by less than this (rad) into another one leaves it where it is.
+const LEAST_SHARE: f64 = 1e-6;
 
 /// Where a sensor sits, and what becomes of its outliers.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
@@ -59,7 +62,7 @@ impl Sensors {
     /// The sample in body axes, and where its sensor sits. Values that are not valid stay as they are.
     ///
     /// # Errors
-    /// `UnknownSensor`; `Malformed` where a mounting turns a reading of which a component is missing.
+    /// `UnknownSensor`; `Malformed` where a mounting leaves nothing of a reading of which components are missing.
     pub fn read(&self, measurement: &Measurement) -> Result<(Measurement, Installed), Rejection> {
         if !self.has_any || measurement.sensor == 0 {
             return Ok((*measurement, Installed::default()));
@@ -93,6 +96,7 @@ impl Sensor {
                         OutlierWeight::Reject => Outliers::Reject,
                         OutlierWeight::Off => Outliers::Off,
                     },
+                    ..SensorUse::default()
                 },
             },
             mounting: Some(mounting).filter(|_| config.mounting_wxyz != [1.0, 0.0, 0.0, 0.0]),
@@ -142,13 +146,23 @@ impl Sensor {
                 &mut m.specific_force_std_m_s2,
             ),
         ];
+        let rotation = mounting.to_rotation_matrix();
         for (is_there, first_absent, value, std) in vectors {
-            if is_there {
-                if measurement.absent & (0b111 * first_absent) != 0 {
-                    return Err(Rejection::Malformed);
-                }
-                *value = (mounting * Vector3::from(*value)).into();
-                turn_std(std);
+            if !is_there {
+                continue;
+            }
+            let missing = missing(measurement, first_absent);
+            let known = Vector3::from_fn(|k, _| if missing[k] { 0.0 } else { value[k] });
+            *value = (mounting * known).into();
+            turn_std(std);
+            // A component that has a share of a missing one is missing.
+            m.absent &= !(0b111 * first_absent);
+            for axis in 0..3 {
+                let share = |k: usize| missing[k] && rotation[(axis, k)].abs() > LEAST_SHARE;
+                m.absent |= if (0..3).any(share) { first_absent << axis } else { 0 };
+            }
+            if m.absent & (0b111 * first_absent) == 0b111 * first_absent {
+                return Err(Rejection::Malformed);
             }
         }
         if m.has(valid::ATTITUDE) {
@@ -229,7 +243,10 @@ mod tests {
         let (read, installed) = sensors.read(&sample.of_sensor(2)).unwrap();
         assert_eq!((read.stamp_ns, read.velocity_std_m_s), (850_000_000, [0.5, 0.02, 0.02]));
         assert_eq!(installed.lever_arm_m, Vector3::new(0.3, 0.0, 0.1));
-        assert_eq!(installed.sensor, SensorUse { place: 2, outliers: Outliers::Reject });
+        assert_eq!(
+            installed.sensor,
+            SensorUse { place: 2, outliers: Outliers::Reject, ..SensorUse::default() }
+        );
         assert_eq!(sensors.read(&sample).unwrap(), (sample, Installed::default()));
         for number in [3, 15, 16, u32::MAX] {
             assert_eq!(sensors.read(&sample.of_sensor(number)), Err(Rejection::UnknownSensor), "{number}");
@@ -239,13 +256,24 @@ mod tests {
     }
 
     #[test]
-    fn a_part_of_a_reading_cannot_be_turned() {
-        let turned = SensorConfig { mounting_wxyz: [0.0, 0.0, 0.0, 1.0], ..config(1) };
-        let sensors = Sensors::new(&[turned]);
-        let mut sample = Measurement::at(1, 0).with_angular_velocity_rad_s([1.0; 3]).of_sensor(1);
-        sample.absent = absent::ANGULAR_VELOCITY_Y;
-        assert_eq!(sensors.read(&sample), Err(Rejection::Malformed));
-        sample.absent = absent::POSITION_X;
-        assert!(sensors.read(&sample).is_ok());
+    fn what_a_mounting_makes_of_a_missing_component_is_missing() {
+        let half = std::f64::consts::FRAC_1_SQRT_2;
+        let read = |mounting_wxyz: [f64; 4], absent: u32| {
+            let sensors = Sensors::new(&[SensorConfig { mounting_wxyz, ..config(1) }]);
+            let sample = Measurement::at(1, 0).with_angular_velocity_rad_s([1.0, f64::NAN, 3.0]).of_sensor(1);
+            sensors.read(&Measurement { absent, ..sample }).map(|(read, _)| read)
+        };
+        // A quarter turn about z.
+        let (x, y) = (absent::ANGULAR_VELOCITY_X, absent::ANGULAR_VELOCITY_Y);
+        let turned = read([half, 0.0, 0.0, half], y | absent::POSITION_X).unwrap();
+        assert_eq!(turned.absent, x | absent::POSITION_X);
+        assert!((turned.angular_velocity_rad_s[1] - 1.0).abs() < 1e-12);
+        assert!((turned.angular_velocity_rad_s[2] - 3.0).abs() < 1e-12);
+        // Half of that: both x and y have a share of what is missing.
+        let eighth = std::f64::consts::FRAC_PI_8;
+        let turned = read([eighth.cos(), 0.0, 0.0, eighth.sin()], y).unwrap();
+        assert_eq!(turned.absent, x | y);
+        // About (1, 1, 1): every one has.
+        assert_eq!(read([0.6, half * 0.8, half * 0.4, half * 0.8], y), Err(Rejection::Malformed));
     }
 }

@@ -19,6 +19,7 @@ use crate::timeline::{ChannelReport, Measured, Timeline};
 use nalgebra::{UnitQuaternion, Vector3};
 
 mod inertial;
+mod partial;
 
 /// The state before the first sample; what is `None` is taken from the first measurement of it.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
@@ -393,10 +394,14 @@ impl RigidBodyObserver {
                 let output_std = or_designed(&sample.velocity_quality.std, &design.noise);
                 let position_std = sample.position_quality.std;
                 let joint = JointSample {
-                    output: sample.velocity_quality.components(inertial.velocity),
-                    output_std: match sample.velocity {
+                    output: match inertial.part {
+                        Some(part) => part.map(|told| told.map(|(velocity, _)| velocity)),
+                        None => sample.velocity_quality.components(inertial.velocity),
+                    },
+                    output_std: match (inertial.part, sample.velocity) {
+                        (Some(part), _) => part.map(|told| told.map_or(0.0, |(_, std)| std)),
                         // Body axes couple the inertial ones, which separate covariances cannot hold: the largest deviation.
-                        Some(Velocity::Body(_)) => {
+                        (None, Some(Velocity::Body(_))) => {
                             [output_std.into_iter().fold(0.0, f64::max).hypot(inertial.velocity_std); 3]
                         }
                         _ if inertial.velocity_std > 0.0 => {
@@ -413,7 +418,7 @@ impl RigidBodyObserver {
                     },
                     command: inertial.force,
                     specific_force: inertial.specific_force,
-                    sensor: sample.sensor,
+                    sensor: SensorUse { is_bounded: inertial.part.is_some(), ..sample.sensor },
                     turning: inertial.turning,
                 };
                 let agreement = translation.accept(

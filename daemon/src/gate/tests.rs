@@ -44,6 +44,9 @@ fn a_part_of_a_reading_and_its_noise_are_taken_and_what_makes_no_sense_is_reject
     assert_eq!(sample_of(&unknown, &limits), Err(Rejection::Malformed));
     let body = Measurement::at(5, 0).with_body_velocity_m_s([1.0, 0.0, 0.0]);
     let of_two_axes = Measurement { absent: absent::VELOCITY_Z, ..body };
+    assert_eq!(sample_of(&of_two_axes, &limits).unwrap().velocity_quality.missing, [false, false, true]);
+    let force = Measurement::at(5, 0).with_specific_force_m_s2([0.0, 0.0, -9.8]);
+    let of_two_axes = Measurement { absent: absent::SPECIFIC_FORCE_Z, ..force };
     assert_eq!(sample_of(&of_two_axes, &limits), Err(Rejection::Malformed));
 }
 

@@ -5,6 +5,7 @@
 //! r = r_s − R l,        F = R F_b
 //! ```
 
+use super::partial::{self, Known};
 use super::{LawChannel, RigidBodyObserver, Sample, Velocity};
 use crate::joint_channel::or_designed;
 use nalgebra::{UnitQuaternion, Vector3};
@@ -14,6 +15,8 @@ use nalgebra::{UnitQuaternion, Vector3};
 pub(super) struct InertialSample {
     pub(super) velocity: Option<Vector3<f64>>,
     pub(super) velocity_std: f64,
+    /// Of a velocity in body axes that lacks a component, by axis, with its deviation.
+    pub(super) part: Option<[Option<(f64, f64)>; 3]>,
     pub(super) position: Option<Vector3<f64>>,
     pub(super) position_std: f64,
     pub(super) force: Option<Vector3<f64>>,
@@ -69,6 +72,9 @@ impl RigidBodyObserver {
                 let of_center = if has_arm { velocity - of_arm } else { velocity };
                 inertial.velocity = Some(attitude * of_center);
                 inertial.velocity_std = (of_center.norm() * attitude_std_rad).hypot(of_arm_std);
+                if sample.velocity_quality.missing != [false; 3] {
+                    inertial.part = self.part_of_velocity(sample, &motion, &of_center, of_arm_std);
+                }
             }
             Some(Velocity::Inertial(velocity)) if has_arm => {
                 inertial.velocity = Some(velocity - attitude * of_arm);
@@ -89,6 +95,33 @@ impl RigidBodyObserver {
             (attitude * force, largest.hypot(force.norm() * attitude_std_rad))
         });
         inertial
+    }
+
+    /// What a velocity in body axes without some of its components tells; `None` with the gradient law. `of_arm_std` is what the lever
+    /// arm adds to its deviations (m/s).
+    fn part_of_velocity(
+        &mut self,
+        sample: &Sample,
+        motion: &Rotating,
+        velocity: &Vector3<f64>,
+        of_arm_std: f64,
+    ) -> Option<[Option<(f64, f64)>; 3]> {
+        let Some(LawChannel::Joint(translation)) = &mut self.translation else { return None };
+        let at = translation.estimate(sample.stamp_ns);
+        let filter = translation.filter();
+        let of_sensor = or_designed(&sample.velocity_quality.std, &filter.design().noise);
+        // Before the first velocity, any within the box of the centers.
+        let (value, std) = match at.is_started {
+            true => (at.prediction.velocity.into(), at.prediction.velocity_std),
+            false => (Vector3::zeros(), [filter.largest_half_width(); 3]),
+        };
+        let missing = &sample.velocity_quality.missing;
+        let rotation = motion.attitude.to_rotation_matrix().into_inner();
+        let expected = rotation.tr_mul(&value);
+        let body = Vector3::from_fn(|k, _| if missing[k] { expected[k] } else { velocity[k] });
+        let turned_std = (body.norm() * motion.attitude_std_rad).hypot(of_arm_std);
+        let of_body = Known { value: &body, std: &of_sensor.map(|std| std.hypot(turned_std)) };
+        Some(partial::of_body(&rotation, of_body, missing, Known { value: &value, std: &std }))
     }
 
     /// Attitude and angular velocity at `stamp_ns`; `None` where the attitude was never told.

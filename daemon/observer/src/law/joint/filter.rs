@@ -123,6 +123,11 @@ impl JointFilter {
         })
     }
 
+    /// The largest half width of the box of the centers (m/s; rad/s): any velocity is within.
+    pub fn largest_half_width(&self) -> f64 {
+        self.largest_half_width
+    }
+
     /// A state before the first output: nothing learned.
     pub fn new_state(&self) -> JointState {
         let mut state = JointState {

@@ -88,7 +88,7 @@ impl NoiseLevels {
             let rate = correction_share / since_s;
             self.corrections = rate * rate * corrections * inflation;
         }
-        if n_samples == 0.0 {
+        if n_samples == 0.0 || sensor.is_bounded {
             return;
         }
         let zeta = mean_square.sqrt();

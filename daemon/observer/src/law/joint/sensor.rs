@@ -22,4 +22,6 @@ pub struct SensorUse {
     pub place: usize,
     /// What becomes of its outliers.
     pub outliers: Outliers,
+    /// Whether the deviation of the reading bounds an error that is not noise: the sensor's noise level does not follow it.
+    pub is_bounded: bool,
 }
