@@ -21,7 +21,7 @@ use crate::harness::output::{show, table};
 use crate::harness::random::Random;
 use clap::Args;
 use daemon::assemble;
-use daemon::config::{ConfigFile, OutlierAction, OutlierWeight, SensorConfig};
+use daemon::config::{ConfigFile, OutlierAction, OutlierWeight, SensorClock, SensorConfig};
 use daemon::engine::Engine;
 use nalgebra::Vector3;
 use serde::Serialize;
@@ -105,6 +105,7 @@ fn installed(sensor: &SetSensor) -> SensorConfig {
         position_noise_m: sensor.position_noise_m,
         attitude_noise_rad: sensor.attitude_noise_rad,
         latency_s: if sensor.stamps_on_arrival { sensor.delay_s } else { 0.0 },
+        clock: SensorClock::Monotonic,
         rate_hz: sensor.rate_hz,
         outliers: OutlierWeight::Weigh,
     }

@@ -15,6 +15,7 @@ use crate::deadline::{WakeUp, skip_missed, wait_for_deadline};
 use crate::engine::{Engine, LoopCommand};
 use crate::limits::MAX_SAMPLES_PER_TICK;
 use crate::ports::LoopPorts;
+use crate::sensor_clocks::{ClockOffsets, SensorClocks};
 use crate::source_book::SourceBook;
 use crate::threads::recorder::RecorderRing;
 use crate::threads::snapshot_writer::SnapshotRing;
@@ -54,6 +55,8 @@ pub struct TickRecord {
     pub nis: [f64; 3],
     /// What each source has sent.
     pub sources: SourceBook,
+    /// The clocks of the sensors that have another one.
+    pub clock_offsets_ns: ClockOffsets,
     /// The source in use.
     pub source: Option<u128>,
     /// Another source whose samples are refused.
@@ -81,6 +84,7 @@ pub struct Cycle {
     ports: LoopPorts,
     /// A sample that the wait has taken already.
     taken: Option<(Measurement, u128)>,
+    clocks: SensorClocks,
     engine: Engine,
     rings: LoopRings,
     /// Ticks in a row that ended after their next deadline.
@@ -91,9 +95,18 @@ pub struct Cycle {
 }
 
 impl Cycle {
-    /// A cycle that runs this engine.
-    pub fn new(engine: Engine, ports: LoopPorts, rings: LoopRings) -> Self {
-        Self { ports, taken: None, engine, rings, late_ticks_in_a_row: 0, n_forgotten: 0, record: None }
+    /// A cycle that runs this engine, with sensors of these clocks.
+    pub fn new(engine: Engine, clocks: SensorClocks, ports: LoopPorts, rings: LoopRings) -> Self {
+        Self {
+            ports,
+            taken: None,
+            clocks,
+            engine,
+            rings,
+            late_ticks_in_a_row: 0,
+            n_forgotten: 0,
+            record: None,
+        }
     }
 
     /// Ticks until `stop`.
@@ -149,6 +162,7 @@ impl Cycle {
         let max_samples = if self.taken.is_some() { 1 } else { MAX_SAMPLES_PER_TICK };
         for _ in 0..max_samples {
             let Some((measurement, source)) = self.taken.take().or_else(|| self.ports.take()) else { break };
+            let measurement = self.clocks.on_our_clock(measurement, wake_ns);
             self.rings.recorder.push(|| Entry::Sample { source, measurement });
             self.engine.take(&measurement, source);
         }
@@ -173,6 +187,7 @@ impl Cycle {
             output_ages_ns: self.engine.output_ages_ns(&estimate),
             nis: estimate.channels().map(|channel| channel.nis),
             sources: *self.engine.sources(),
+            clock_offsets_ns: *self.clocks.offsets_ns(),
             source: gate.source(),
             other_source: gate.other_source(),
             stuck: estimate.status & status_bits::STUCK != 0,

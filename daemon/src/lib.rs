@@ -47,6 +47,7 @@ pub mod limits;
 mod log;
 pub mod ports;
 pub mod replay;
+pub mod sensor_clocks;
 pub mod sensors;
 pub mod service;
 pub mod snapshot;

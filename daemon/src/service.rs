@@ -7,6 +7,7 @@ use crate::cycle::{Cycle, LoopRings};
 use crate::engine::Engine;
 use crate::log::say;
 use crate::ports::{HousekeepingPorts, LoopPorts, PortsError};
+use crate::sensor_clocks::SensorClocks;
 use crate::snapshot::{self, SnapshotError, SnapshotLock};
 use crate::system::real_time::allowed_cores;
 use crate::system::settings::{self, OffTheLoop, Outcome};
@@ -227,7 +228,8 @@ impl Service {
         let asked = config.real_time.clone();
         let polls = config.trigger == Trigger::Sample;
         service.loop_thread = Some(spawn_with("loop", domain, instance, LoopPorts::make, move |ports| {
-            let mut cycle = Cycle::new(engine, ports, loop_rings);
+            let clocks = SensorClocks::new(&config.sensor);
+            let mut cycle = Cycle::new(engine, clocks, ports, loop_rings);
             // Now everything that a tick uses exists, so all of it is locked, and set-up does not run at the priority.
             let (outcome, _held) = settings::apply(&config.real_time);
             let _ = settled.send(outcome);

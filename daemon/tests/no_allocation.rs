@@ -9,6 +9,7 @@ use daemon::deadline::WakeUp;
 use daemon::engine::Engine;
 use daemon::limits::MAX_SAMPLES_PER_TICK;
 use daemon::ports::LoopPorts;
+use daemon::sensor_clocks::SensorClocks;
 use daemon::snapshot::Snapshot;
 use daemon::threads::recorder::{recorder, session};
 use daemon::threads::snapshot_writer::saver;
@@ -48,7 +49,7 @@ fn ticks_of_a_service_allocate_nothing(preset: &str) {
     ];
     let rings = LoopRings { records, commands, recorder: ring, snapshots };
     let ports = LoopPorts::make(&domain.domain, "vehicle").unwrap();
-    let mut cycle = Cycle::new(engine, ports, rings);
+    let mut cycle = Cycle::new(engine, SensorClocks::default(), ports, rings);
     let client = domain.client();
     let sensors = client.measurement_publisher().unwrap();
     let mut estimates = client.estimate_subscriber().unwrap();

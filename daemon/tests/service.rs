@@ -4,7 +4,7 @@ use crate::common::{Ended, PATIENCE, TestDomain, daemon_command, preset_between,
 use iceoryx2::prelude::*;
 use rustix::process::Signal;
 use shared_types::client::Latest;
-use shared_types::clock::monotonic_ns;
+use shared_types::clock::{monotonic_ns, realtime_ns};
 use shared_types::payload::{command, outcome, status_bits};
 use shared_types::{Client, ClientError, Estimate, Measurement, service};
 use std::time::Duration;
@@ -171,6 +171,35 @@ fn commands_are_carried_out_and_answered() {
     assert!(code == Some(0) && out.contains("frozen"), "{out}");
     let Ended { code, out, log } = control(&["control", "save"]);
     assert!(code == Some(0) && out.contains(".snapshot"), "{out}{log}");
+}
+
+/// Two sensors that stamp with other clocks, one process each.
+#[test]
+fn a_sensor_may_stamp_by_the_time_of_day_or_by_a_clock_of_its_own() {
+    let domain = TestDomain::new();
+    let sensors = "[[sensor]]\nname = \"imu\"\nnumber = 1\nclock = \"realtime\"\n\
+                   [[sensor]]\nname = \"log\"\nnumber = 2\nclock = \"own\"";
+    let config = preset_between("", sensors);
+    let daemon = run_daemon(&domain, &["--config", config.path().to_str().unwrap()]);
+    let (imu, log) = (domain.client(), domain.client());
+    let (imu, log) = (imu.measurement_publisher().unwrap(), log.measurement_publisher().unwrap());
+    let mut latest = domain.client().latest_estimate().unwrap();
+    let start_ns = monotonic_ns();
+    for sequence in 0..100 {
+        let rates = Measurement::at(realtime_ns(), sequence).with_angular_velocity_rad_s([0.1, 0.2, 0.0]);
+        imu.publish(&rates.of_sensor(1)).unwrap();
+        let speed = Measurement::at(monotonic_ns() - start_ns, sequence).with_velocity_m_s([1.0, 0.0, 0.5]);
+        log.publish(&speed.of_sensor(2)).unwrap();
+        period();
+    }
+    wait_until("all to be taken", || domain.status().counters.samples_accepted == 200);
+    let estimate = newest(&mut latest);
+    assert!((estimate.velocity_m_s[0] - 1.0).abs() < 0.1, "{estimate:?}");
+    assert!(estimate.source_stamp_ns.abs_diff(monotonic_ns()) < 1_000_000_000, "{estimate:?}");
+    let Ended { code, log, .. } = daemon.stop();
+    assert_eq!(code, Some(0), "{log}");
+    let told: Vec<_> = log.lines().filter(|line| line.contains("CLOCK_MONOTONIC is its clock")).collect();
+    assert!(told.len() >= 2 && told[0].contains("sensor imu (number 1)"), "{log}");
 }
 
 /// Stepping at once on every sample, in the samples' own time, ten times faster than the wall's.

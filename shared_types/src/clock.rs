@@ -11,6 +11,12 @@ pub fn monotonic_ns() -> u64 {
     now.tv_sec as u64 * NS_PER_S + now.tv_nsec as u64
 }
 
+/// Nanoseconds of CLOCK_REALTIME now, the time of day since 1970.
+pub fn realtime_ns() -> u64 {
+    let now = clock_gettime(ClockId::Realtime);
+    now.tv_sec as u64 * NS_PER_S + now.tv_nsec as u64
+}
+
 /// Sleeps until CLOCK_MONOTONIC reaches `deadline_ns`; returns early when a signal arrives.
 pub fn sleep_until_ns(deadline_ns: u64) {
     let deadline =
@@ -57,8 +63,12 @@ impl SenderClock {
 
     /// What that clock shows when ours shows `now_ns`; ours as it is before the first message.
     pub fn at(&self, now_ns: u64) -> u64 {
-        let offset_ns = self.least_ns.into_iter().flatten().min().unwrap_or(0);
-        now_ns.saturating_add_signed(offset_ns.saturating_neg())
+        now_ns.saturating_add_signed(self.offset_ns().unwrap_or(0).saturating_neg())
+    }
+
+    /// Our clock minus that one (ns), with the shortest delay; `None` before the first message.
+    pub fn offset_ns(&self) -> Option<i64> {
+        self.least_ns.into_iter().flatten().min()
     }
 }
 

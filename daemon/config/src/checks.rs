@@ -3,7 +3,8 @@
 use crate::file::{ConfigError, ConfigFile};
 use crate::reference;
 use crate::schema::{SCHEMA, properties, table};
-use crate::service::Trigger;
+use crate::sensors::SensorClock;
+use crate::service::{Clock, Trigger};
 use crate::values::LawName;
 use serde_json::Value;
 
@@ -91,6 +92,10 @@ impl ConfigFile {
                     sensor.specific_force_noise_m_s2.to_string(),
                     needed,
                 );
+            }
+            if sensor.clock != SensorClock::Monotonic && self.config.clock != Clock::Monotonic {
+                let needed = "\"monotonic\" where clock = \"samples\": the stamps themselves are the time";
+                return refuse("clock", format!("{:?}", sensor.clock).to_lowercase(), needed);
             }
             if !sensor.lever_arm_m.iter().all(|x| x.abs() < 1e6) {
                 return refuse("lever_arm_m", format!("{:?}", sensor.lever_arm_m), "finite numbers");
@@ -252,6 +257,9 @@ mod tests {
             assert!(parts.iter().all(|part| error.contains(part)), "{error}");
             assert!(error.contains(&format!("line {line}")), "{line}: {error}");
         }
+        let text = format!("clock = \"samples\"\n{preset}\n{first}clock = \"own\"");
+        let error = ConfigFile::parse("vehicle.toml".into(), text).unwrap().check().unwrap_err().to_string();
+        assert!(error.contains("sensor.0.clock") && error.contains("found own"), "{error}");
     }
 
     #[test]

@@ -35,7 +35,7 @@ pub use file::{ConfigError, ConfigFile};
 pub use joint::{RotationJoint, TranslationJoint};
 pub use presets::PRESETS;
 pub use real_time::RealTimeConfig;
-pub use sensors::{MAX_SENSOR, OutlierWeight, SensorConfig};
+pub use sensors::{MAX_SENSOR, OutlierWeight, SensorClock, SensorConfig};
 pub use service::{
     Clock, Config, DeadlineConfig, InitialConfig, InputConfig, SnapshotConfig, SourcePolicy, Trigger,
 };

@@ -19,6 +19,20 @@ pub enum OutlierWeight {
     Off,
 }
 
+/// What a sensor's stamps are read from.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum SensorClock {
+    /// `CLOCK_MONOTONIC` of this machine.
+    #[default]
+    Monotonic,
+    /// `CLOCK_REALTIME` of this machine, the time of day in nanoseconds since 1970.
+    Realtime,
+    /// Another clock. Its offset is the least of arrival minus stamp over the last one to two minutes: a reading that came the
+    /// shortest way counts as taken when it arrived. `latency_s` takes that way off.
+    Own,
+}
+
 /// One sensor, for the samples that carry its number. Where there is any such table, samples of another number than 0 and these
 /// are rejected. Noises are those of samples without deviations of their own.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -67,6 +81,9 @@ pub struct SensorConfig {
     #[serde(default)]
     #[schemars(range(min = 0.0, max = 60.0))]
     pub latency_s: f64,
+    /// The clock of its stamps. The offset of another one than `"monotonic"` is logged. One sensor number for each such clock.
+    #[serde(default)]
+    pub clock: SensorClock,
     /// Samples per second that it should give; 0: not known. Silence for three periods is logged.
     #[serde(default)]
     #[schemars(range(min = 0.0))]

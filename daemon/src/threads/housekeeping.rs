@@ -6,6 +6,7 @@ use crate::engine::LoopCommand;
 use crate::latency::Latency;
 use crate::log::say;
 use crate::ports::HousekeepingPorts;
+use crate::sensor_clocks::ClockOffsets;
 use crate::system::service_manager::ServiceManager;
 use crate::system::settings::Outcome;
 use crate::threads::recorder::RecorderProgress;
@@ -73,6 +74,7 @@ struct Logged {
     statuses_with_rare_samples: u32,
     /// Which sensors were silent.
     silent: [bool; MAX_SENSOR as usize + 1],
+    clock_offsets_ns: ClockOffsets,
 }
 
 impl Housekeeping {
@@ -358,6 +360,7 @@ impl Housekeeping {
         }
         self.log_rare_samples(&before, &now);
         self.log_silent_sensors();
+        self.log_clocks();
     }
 
     /// Logs a sensor that is silent for three of its expected periods, and its return.
@@ -376,6 +379,21 @@ impl Housekeeping {
                 );
             } else if before && !is_silent {
                 say!("sensor {name} (number {number}) sends again");
+            }
+        }
+    }
+
+    /// Logs how a sensor's clock differs, when that is found and when it has moved by a second.
+    fn log_clocks(&mut self) {
+        let Some(record) = &self.newest else { return };
+        for SensorConfig { name, number, .. } in &self.sensors {
+            let place = *number as usize;
+            let Some(offset_ns) = record.clock_offsets_ns[place] else { continue };
+            let logged = &mut self.logged.clock_offsets_ns[place];
+            if logged.is_none_or(|logged_ns| offset_ns.abs_diff(logged_ns) > 1_000_000_000) {
+                *logged = Some(offset_ns);
+                let offset_s = offset_ns as f64 / 1e9;
+                say!("sensor {name} (number {number}): CLOCK_MONOTONIC is its clock {offset_s:+.6} s");
             }
         }
     }
