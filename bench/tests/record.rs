@@ -178,7 +178,7 @@ fn only_a_record_is_appended_to() {
     for (path, code, reason) in [
         (&other, 1, "no flight record"),
         (&pipe, 1, "No such device"),
-        (&older, 2, "has version 1, this program appends to version 6; needed: another --record FILE"),
+        (&older, 2, "has version 1, this program appends to version 7; needed: another --record FILE"),
     ] {
         let ended = BENCH.start(&domain, &["daemon", "run", "--record", path.to_str().unwrap()]).finish();
         assert!(ended.code == Some(code) && ended.log.contains(reason), "{ended:?}");

@@ -78,6 +78,8 @@ pub struct Engine {
 struct Tick {
     wake_ns: u64,
     status: u64,
+    /// Bit k: a sample of sensor number k was accepted.
+    sensors: u64,
     new_sample: bool,
 }
 
@@ -118,7 +120,7 @@ impl Engine {
         let status = bit(late(warn_after_ticks), status_bits::LATE)
             | bit(late(predict_only_after_ticks), status_bits::PREDICT_ONLY)
             | bit(late(invalid_after_ticks), status_bits::INVALID);
-        self.tick = Tick { wake_ns, status, new_sample: false };
+        self.tick = Tick { wake_ns, status, sensors: 0, new_sample: false };
     }
 
     /// Takes a sample of `source` that arrived by the time of the wake-up.
@@ -194,6 +196,7 @@ impl Engine {
         let lost_by_now = self.counters.samples_lost.saturating_add(lost);
         self.counters.samples_lost = lost_by_now.saturating_sub(u64::from(found));
         self.counters.source_changes += u64::from(new_source);
+        self.tick.sensors |= 1_u64.checked_shl(place.sensor).unwrap_or(0);
         self.tick.new_sample = true;
         self.newest_arrival_ns = Some(self.tick.wake_ns);
     }
@@ -241,6 +244,7 @@ impl Engine {
         estimate.source_sequence = self.gate.newest_sequence().unwrap_or(0);
         estimate.source_stamp_ns = source_stamp_ns.unwrap_or(0);
         estimate.status = status;
+        estimate.sensors = self.tick.sensors;
 
         let counted = |bits: u64| u64::from(status & bits != 0);
         self.counters.ticks += 1;

@@ -3,7 +3,7 @@
 use daemon::assemble;
 use daemon::config::{Clock, Config, ConfigFile, ForceAxesName};
 use daemon::engine::Engine;
-use shared_types::payload::{Rejection, status_bits};
+use shared_types::payload::{Rejection, absent, status_bits};
 use shared_types::{Estimate, Measurement};
 
 const START_NS: u64 = 1_000_000_000_000;
@@ -81,7 +81,10 @@ fn window(random: &mut Random, start_ns: u64, sequences: &mut [u64; 4]) -> Vec<S
                     .with_specific_force_m_s2([noise, 0.1, -9.7])
                     .with_torque_n_m([0.0, 0.01 * t_s.cos(), 0.0]),
                 1 if step % 2 == 0 => sample.with_velocity_m_s([t_s.sin() + noise, 0.2, -noise]),
-                1 => sample.with_body_velocity_m_s([t_s.sin(), 0.2 + noise, noise]).of_sensor(1),
+                1 => Measurement {
+                    absent: if step % 4 == 1 { absent::VELOCITY_Z } else { 0 },
+                    ..sample.with_body_velocity_m_s([t_s.sin(), 0.2 + noise, noise]).of_sensor(1)
+                },
                 2 => sample.with_position_z_m(-3.0 + noise),
                 _ if step % 2 == 0 => sample.with_body_force_n([t_s.cos(), noise, -19.62]),
                 _ => sample.with_force_n([t_s.cos(), noise, -19.62]),
@@ -98,7 +101,7 @@ fn window(random: &mut Random, start_ns: u64, sequences: &mut [u64; 4]) -> Vec<S
 fn bits(estimate: &Estimate) -> Vec<u8> {
     let passing = status_bits::REJECTED_SAMPLE | status_bits::HELD_BACK;
     let status = estimate.status & !passing;
-    postcard::to_allocvec(&Estimate { status, source_sequence: 0, ..*estimate }).unwrap()
+    postcard::to_allocvec(&Estimate { status, source_sequence: 0, sensors: 0, ..*estimate }).unwrap()
 }
 
 /// Windows of one stream, in the order of the stamps and as late as it happens: the same bits once all are there.

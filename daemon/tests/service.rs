@@ -183,16 +183,22 @@ fn a_sensor_may_stamp_by_the_time_of_day_or_by_a_clock_of_its_own() {
     let daemon = run_daemon(&domain, &["--config", config.path().to_str().unwrap()]);
     let (imu, log) = (domain.client(), domain.client());
     let (imu, log) = (imu.measurement_publisher().unwrap(), log.measurement_publisher().unwrap());
+    let mut estimates = domain.client().estimate_subscriber().unwrap();
     let mut latest = domain.client().latest_estimate().unwrap();
     let start_ns = monotonic_ns();
+    let mut contributed = 0;
     for sequence in 0..100 {
         let rates = Measurement::at(realtime_ns(), sequence).with_angular_velocity_rad_s([0.1, 0.2, 0.0]);
         imu.publish(&rates.of_sensor(1)).unwrap();
         let speed = Measurement::at(monotonic_ns() - start_ns, sequence).with_velocity_m_s([1.0, 0.0, 0.5]);
         log.publish(&speed.of_sensor(2)).unwrap();
         period();
+        while let Some(estimate) = estimates.take().unwrap() {
+            contributed |= estimate.sensors;
+        }
     }
     wait_until("all to be taken", || domain.status().counters.samples_accepted == 200);
+    assert_eq!(contributed, 0b110);
     let estimate = newest(&mut latest);
     assert!((estimate.velocity_m_s[0] - 1.0).abs() < 0.1, "{estimate:?}");
     assert!(estimate.source_stamp_ns.abs_diff(monotonic_ns()) < 1_000_000_000, "{estimate:?}");

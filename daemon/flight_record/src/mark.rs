@@ -3,10 +3,10 @@
 use std::fmt;
 use std::io;
 
-/// Version of the layout. Since 6 samples name their sensor.
-pub const VERSION: u8 = 6;
+/// Version of the layout. Since 7 estimates name the sensors that contributed.
+pub const VERSION: u8 = 7;
 /// Read as a length, the first four bytes exceed that of any frame. The digit is [`VERSION`].
-pub const MARK: &[u8; 16] = b"\xff\xff\xff\xffflight-rec6\n";
+pub const MARK: &[u8; 16] = b"\xff\xff\xff\xffflight-rec7\n";
 /// Where the version's digit stands.
 const DIGIT: usize = 14;
 

@@ -26,7 +26,7 @@
 #include <stdint.h>
 
 /** Tells the payloads of one version from those of another: for observer_open(). */
-#define OBSERVER_LAYOUT UINT32_C(0x55cda757)
+#define OBSERVER_LAYOUT UINT32_C(0xdc3f9be5)
 
 /** Enough for the text of any reply, with its end. */
 #define OBSERVER_REPLY_TEXT_BYTES 249
@@ -246,6 +246,9 @@ typedef struct {
   uint64_t source_stamp_ns;
   uint64_t publish_stamp_ns; /**< CLOCK_MONOTONIC just before publication (ns). */
   uint64_t status; /**< Bits of OBSERVER_STATUS_BITS_…. */
+  /** Which sensors contributed: bit k is set where a sample of sensor number k was accepted since the estimate
+   * before, bit 0 for samples without a sensor number. Numbers above 63 have no bit. */
+  uint64_t sensors;
   /** Position, inertial (m). Dead-reckoned from velocity unless position fixes are used. */
   double position_m[3];
   double velocity_m_s[3]; /**< Velocity, inertial (m/s). */
@@ -525,24 +528,25 @@ static_assert(sizeof(observer_channel) == 64 && offsetof(observer_channel, outpu
     && offsetof(observer_channel, error_bound) == 40 && offsetof(observer_channel, output_age_s) == 48
     && offsetof(observer_channel, nis) == 56,
     "layout of observer_channel");
-static_assert(sizeof(observer_estimate) == 704 && offsetof(observer_estimate, sequence) == 0
+static_assert(sizeof(observer_estimate) == 712 && offsetof(observer_estimate, sequence) == 0
     && offsetof(observer_estimate, source_sequence) == 8 && offsetof(observer_estimate, stamp_ns) == 16
     && offsetof(observer_estimate, source_stamp_ns) == 24
     && offsetof(observer_estimate, publish_stamp_ns) == 32 && offsetof(observer_estimate, status) == 40
-    && offsetof(observer_estimate, position_m) == 48 && offsetof(observer_estimate, velocity_m_s) == 72
-    && offsetof(observer_estimate, attitude_wxyz) == 96 && offsetof(observer_estimate, euler_rad) == 128
-    && offsetof(observer_estimate, angular_velocity_rad_s) == 152
-    && offsetof(observer_estimate, matched_force_n) == 176
-    && offsetof(observer_estimate, matched_torque_n_m) == 200
-    && offsetof(observer_estimate, position_std_m) == 224
-    && offsetof(observer_estimate, velocity_std_m_s) == 248
-    && offsetof(observer_estimate, attitude_std_rad) == 272
-    && offsetof(observer_estimate, angular_velocity_std_rad_s) == 296
-    && offsetof(observer_estimate, matched_force_std_n) == 320
-    && offsetof(observer_estimate, matched_torque_std_n_m) == 344
-    && offsetof(observer_estimate, translation) == 368 && offsetof(observer_estimate, rotation) == 432
-    && offsetof(observer_estimate, state) == 496 && offsetof(observer_estimate, matched_input) == 592
-    && offsetof(observer_estimate, linear) == 640,
+    && offsetof(observer_estimate, sensors) == 48 && offsetof(observer_estimate, position_m) == 56
+    && offsetof(observer_estimate, velocity_m_s) == 80 && offsetof(observer_estimate, attitude_wxyz) == 104
+    && offsetof(observer_estimate, euler_rad) == 136
+    && offsetof(observer_estimate, angular_velocity_rad_s) == 160
+    && offsetof(observer_estimate, matched_force_n) == 184
+    && offsetof(observer_estimate, matched_torque_n_m) == 208
+    && offsetof(observer_estimate, position_std_m) == 232
+    && offsetof(observer_estimate, velocity_std_m_s) == 256
+    && offsetof(observer_estimate, attitude_std_rad) == 280
+    && offsetof(observer_estimate, angular_velocity_std_rad_s) == 304
+    && offsetof(observer_estimate, matched_force_std_n) == 328
+    && offsetof(observer_estimate, matched_torque_std_n_m) == 352
+    && offsetof(observer_estimate, translation) == 376 && offsetof(observer_estimate, rotation) == 440
+    && offsetof(observer_estimate, state) == 504 && offsetof(observer_estimate, matched_input) == 600
+    && offsetof(observer_estimate, linear) == 648,
     "layout of observer_estimate");
 static_assert(sizeof(observer_latency_summary) == 48 && offsetof(observer_latency_summary, count) == 0
     && offsetof(observer_latency_summary, p50) == 8 && offsetof(observer_latency_summary, p90) == 16

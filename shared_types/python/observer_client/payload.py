@@ -281,7 +281,7 @@ class Channel(Structure):
 class Estimate(EstimateStructure):
     """The state estimate at `stamp_ns`, and how far it can be trusted."""
 
-    TYPE_NAME = "observer.Estimate.v4"
+    TYPE_NAME = "observer.Estimate.v5"
     WORDS = STATUS_WORDS
     MAY_BE_INFINITE = (
         "position_std_m",
@@ -298,6 +298,9 @@ class Estimate(EstimateStructure):
     source_stamp_ns: u64  # Stamp of the newest sample that went into this estimate (ns); 0 before the first.
     publish_stamp_ns: u64  # CLOCK_MONOTONIC just before publication (ns).
     status: u64  # Bits of `status_bits`.
+    # Which sensors contributed: bit k is set where a sample of sensor number k was accepted since the
+    # estimate before, bit 0 for samples without a sensor number. Numbers above 63 have no bit.
+    sensors: u64
     position_m: f64x3  # Position, inertial (m). Dead-reckoned from velocity unless position fixes are used.
     velocity_m_s: f64x3  # Velocity, inertial (m/s).
     attitude_wxyz: f64x4  # Attitude, unit quaternion w, x, y, z, body to inertial.

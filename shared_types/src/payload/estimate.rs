@@ -92,7 +92,7 @@ payload! {
 payload! {
     /// The state estimate at `stamp_ns`, and how far it can be trusted.
     #[derive(Default, Serialize, Deserialize)]
-    pub struct Estimate: "observer.Estimate.v4" {
+    pub struct Estimate: "observer.Estimate.v5" {
         /// Counts the service's publications from 0.
         sequence: u64,
         /// Sequence of the newest sample that went into this estimate.
@@ -105,6 +105,9 @@ payload! {
         publish_stamp_ns: u64,
         /// Bits of [`status_bits`].
         status: u64 { words: Some(&status_bits::TABLE) },
+        /// Which sensors contributed: bit k is set where a sample of sensor number k was accepted since the estimate before, bit 0
+        /// for samples without a sensor number. Numbers above 63 have no bit.
+        sensors: u64,
         /// Position, inertial (m). Dead-reckoned from velocity unless position fixes are used.
         position_m: [f64; 3] { components: XYZ },
         /// Velocity, inertial (m/s).
