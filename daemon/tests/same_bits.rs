@@ -68,6 +68,7 @@ fn the_service_and_the_library_agree_to_the_bit() {
             source_stamp_ns: estimate.source_stamp_ns,
             publish_stamp_ns: estimate.publish_stamp_ns,
             status: estimate.status,
+            sensors: estimate.sensors,
             ..offline
         };
         // Debug prints the shortest text that names one number: equal texts are equal bits.
