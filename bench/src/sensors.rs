@@ -8,15 +8,15 @@
 //! | late | each sensor's samples arrive with its delay |
 //! | late, silent | likewise, and the velocity's sensor says nothing for a minute while commands flow |
 //! | late, zeros | likewise, and it repeats exact zeros, as if they were valid; where the preset expects that |
-//!
 //! | late, two axes | likewise, and a velocity along the body's axes lacks its third component |
-//! | late, ahead only | likewise, and the second |
+//! | late, ahead only | likewise, and it lacks the second one, too |
 //! | late, outliers told | likewise, and a tenth of the velocities has ten times the noise, and says so |
 //! | late, outliers | likewise, and they do not say so |
 //! | late, outliers rejected | likewise, and the sensor has `outliers = "reject"` |
 //!
 //! The sensors are those of `sim_publisher run --sensors`. The estimate of each tick is compared with the truth of that instant, after the first minute.
 
+use crate::harness::latency::summary;
 use crate::harness::output::{show, table};
 use crate::harness::random::Random;
 use clap::Args;
@@ -289,7 +289,7 @@ fn estimate(case: &Case, truths: &[Truth], sent: &[Delivery], run: Run) -> anyho
         sequences[sent.source] += 1;
     }
 
-    let (mut late_us, mut fused_again) = (Vec::new(), 0);
+    let (mut late_ns, mut fused_again) = (Vec::new(), 0);
     let mut arriving = sent.iter().peekable();
     let (mut n, mut n_sent, mut squares, mut largest, mut nees, mut positions) =
         (0, 0, 0.0, 0.0_f64, 0.0, 0.0);
@@ -303,7 +303,7 @@ fn estimate(case: &Case, truths: &[Truth], sent: &[Delivery], run: Run) -> anyho
         let estimate: Estimate = engine.conclude();
         let n_fused_again = engine.window().n_fused_again();
         if n_fused_again > 0 {
-            late_us.push(begin.elapsed().as_secs_f64() * 1e6);
+            late_ns.push(begin.elapsed().as_nanos() as u64);
             fused_again += n_fused_again;
         }
         if engine.checkpoint_is_due() {
@@ -321,7 +321,6 @@ fn estimate(case: &Case, truths: &[Truth], sent: &[Delivery], run: Run) -> anyho
         positions += (Vector3::from(estimate.position_m) - Vector3::from(truth.position_m)).norm_squared();
     }
     let (counters, n) = (engine.counters(), f64::from(n));
-    late_us.sort_by(f64::total_cmp);
     Ok(Flown {
         case: case.name.clone(),
         delivery: match run {
@@ -343,9 +342,9 @@ fn estimate(case: &Case, truths: &[Truth], sent: &[Delivery], run: Run) -> anyho
         samples_used: counters.samples_accepted,
         samples_rejected: counters.samples_rejected.iter().sum(),
         samples_lost: counters.samples_lost,
-        late_ticks: late_us.len(),
-        fused_again: fused_again as f64 / late_us.len().max(1) as f64,
-        late_tick_us: late_us.get(late_us.len() / 2).copied(),
+        late_ticks: late_ns.len(),
+        fused_again: fused_again as f64 / late_ns.len().max(1) as f64,
+        late_tick_us: summary(&mut late_ns).map(|time| time.p50 as f64 / 1e3),
     })
 }
 

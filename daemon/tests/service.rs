@@ -173,7 +173,7 @@ fn commands_are_carried_out_and_answered() {
     assert!(code == Some(0) && out.contains(".snapshot"), "{out}{log}");
 }
 
-/// Two sensors that stamp with other clocks, one process each.
+/// Two publishers that stamp with other clocks.
 #[test]
 fn a_sensor_may_stamp_by_the_time_of_day_or_by_a_clock_of_its_own() {
     let domain = TestDomain::new();

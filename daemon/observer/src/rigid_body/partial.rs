@@ -1,4 +1,4 @@
-//! A part of a velocity in body axes, of a Doppler log with two beams' plane or a log of the speed ahead, in inertial axes.
+//! A part of a velocity in body axes, of a Doppler log with two axes or of a log of the speed ahead, in inertial axes.
 //!
 //! The measured components k see the innovation R_k·(y − Rᵀv̂), which is G e of the error e of v̂ in inertial axes, G = R D Rᵀ with D
 //! the measured components. One axis after the other is read out of it:
