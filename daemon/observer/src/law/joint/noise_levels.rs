@@ -63,6 +63,12 @@ impl NoiseLevels {
         }
     }
 
+    /// ρ of a velocity of this sensor. What bounds an error is not made smaller by a sensor that turned out to be quiet.
+    pub(super) fn of_velocity(&self, sensor: SensorUse) -> f64 {
+        let learned = self.sensor[sensor.place];
+        if sensor.is_bounded { learned.max(1.0) } else { learned }
+    }
+
     /// Follows the innovations of one velocity sample of this sensor; Δ is the time since the sample before (s), 0 at the first.
     ///
     /// ```text
@@ -130,6 +136,24 @@ impl NoiseLevels {
             let square = innovation.normalized_square().min(16.0);
             let step = (1.0 - innovation.gain()) * (square - 1.0) / n_samples;
             self.position[place] = (self.position[place] * step.exp()).clamp(SENSOR_RANGE.0, SENSOR_RANGE.1);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_bound_is_not_made_smaller_by_a_quiet_sensor_but_larger_by_a_noisy_one() {
+        let bounded = SensorUse { is_bounded: true, ..SensorUse::default() };
+        let mut levels = NoiseLevels::configured();
+        for (learned, wanted) in [(0.1, 1.0), (3.0, 3.0)] {
+            levels.sensor[0] = learned;
+            assert_eq!(
+                [levels.of_velocity(SensorUse::default()), levels.of_velocity(bounded)],
+                [learned, wanted]
+            );
         }
     }
 }

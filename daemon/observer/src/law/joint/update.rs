@@ -72,7 +72,7 @@ impl JointFilter {
         if !state.scalars.is_started {
             self.begin(state, velocity, deviations);
         }
-        let noise = state.scalars.noise_levels.sensor[sensor.place];
+        let noise = state.scalars.noise_levels.of_velocity(sensor);
         let innovations = innovations(state, VELOCITY, velocity, deviations, noise);
         let nis = mean_of(&innovations, Innovation::normalized_square);
         let adaptation = (since_s, self.design.noise_samples, self.design.excitation.correction_share);
@@ -94,7 +94,7 @@ impl JointFilter {
         sensor: SensorUse,
     ) -> Option<Agreement> {
         velocity.iter().flatten().next().filter(|_| state.scalars.is_started)?;
-        let noise = state.scalars.noise_levels.sensor[sensor.place];
+        let noise = state.scalars.noise_levels.of_velocity(sensor);
         let innovations = innovations(state, VELOCITY, velocity, deviations, noise);
         let nis = mean_of(&innovations, Innovation::normalized_square);
         Some(Agreement::of(&innovations, nis, Weighing::NONE))
