@@ -22,6 +22,7 @@ pub struct SensorUse {
     pub place: usize,
     /// What becomes of its outliers.
     pub outliers: Outliers,
-    /// Whether the deviation of the reading bounds an error that is not noise: the sensor's noise level does not follow it.
+    /// Whether the deviation of the reading bounds an error that is not noise: the sensor's noise level does not follow it, and
+    /// makes it larger only.
     pub is_bounded: bool,
 }
